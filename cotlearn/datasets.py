@@ -1,0 +1,133 @@
+"""Finite data: arrays as a data set, scikit-learn's handwritten digits, and data without labels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from cotlearn.validation import check_choice, check_condition, check_count, check_matrix
+from cotlearn.validation import check_same_rows
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Rows x1 with conditions c, sampled with replacement.
+
+    Attributes:
+        x1: (N, d), floating point and finite.
+        c: (N, k), or None where there is no condition.
+        name: how to call it in figures.
+    """
+
+    x1: Tensor
+    c: Tensor | None = None
+    name: str = "dataset"
+
+    def __post_init__(self) -> None:
+        check_matrix(self.x1, "x1")
+        if self.c is not None:
+            object.__setattr__(self, "c", check_condition(self.c))
+            check_same_rows(self.x1, "x1", self.c, "c")
+
+    def __len__(self) -> int:
+        return len(self.x1)
+
+    @property
+    def dim(self) -> int:
+        """d, the dimension of x1."""
+        return self.x1.shape[1]
+
+    @property
+    def condition_dim(self) -> int:
+        """k, the dimension of c; 0 without a condition."""
+        return 0 if self.c is None else self.c.shape[1]
+
+    def sample(
+        self, n: int, generator: torch.Generator | None = None
+    ) -> tuple[Tensor, Tensor | None]:
+        """Draw n rows with replacement: x1 of shape (n, d) and c of shape (n, k), or None."""
+        rows = torch.randint(len(self), (check_count(n, "n"),), generator=generator)
+        return self.x1[rows], None if self.c is None else self.c[rows]
+
+    def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        """For each row of c draw one of the rows with exactly that condition, shape (n, d).
+
+        Within one condition rows are drawn without replacement as long as they last.
+
+        Raises:
+            ValueError: no row of the data has that condition.
+        """
+        if self.c is None:
+            raise ValueError("this data set has no condition: use sample(n)")
+        wanted, index = torch.unique(check_condition(c), dim=0, return_inverse=True)
+        x1 = torch.empty(len(c), self.dim, dtype=self.x1.dtype)
+        for i, condition in enumerate(wanted):
+            rows = (self.c == condition).all(dim=1).nonzero()[:, 0]
+            if len(rows) == 0:
+                raise ValueError(f"c: no row of {self.name} has condition {condition.tolist()}")
+            places = (index == i).nonzero()[:, 0]
+            rounds = -(-len(places) // len(rows))
+            order = [torch.randperm(len(rows), generator=generator) for _ in range(rounds)]
+            x1[places] = self.x1[rows[torch.cat(order)[: len(places)]]]
+        return x1
+
+    def conditions(self, n: int = 9) -> Tensor:
+        """The distinct conditions if there are at most 64, else n rows of c spread over the data."""
+        if self.c is None:
+            raise ValueError("this data set has no condition")
+        distinct = torch.unique(self.c, dim=0).flip(0)
+        if len(distinct) <= 64:
+            return distinct
+        return self.c[torch.linspace(0, len(self) - 1, check_count(n, "n")).long()]
+
+
+@dataclass(frozen=True)
+class Unconditional:
+    """The same data with the condition left out: `sample` returns (x1, None)."""
+
+    data: Any
+
+    @property
+    def name(self) -> str:
+        """The name of the data underneath."""
+        return f"{self.data.name} without condition"
+
+    @property
+    def dim(self) -> int:
+        """d, the dimension of x1."""
+        return int(self.data.dim)
+
+    condition_dim = 0
+
+    def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, None]:
+        """Draw n rows x1 of shape (n, d); the condition is None."""
+        return self.data.sample(n, generator)[0], None
+
+
+def unconditional(data: Any) -> Unconditional | Dataset:
+    """Leave the condition of `data` out; finite data stay finite."""
+    if isinstance(data, Dataset):
+        return Dataset(data.x1, None, name=f"{data.name} without condition")
+    return Unconditional(data)
+
+
+def digits(split: str = "all") -> Dataset:
+    """scikit-learn's handwritten digits: 1,797 real 8 x 8 images with their label as condition.
+
+    x1 has shape (n, 64), grey values scaled from 0..16 to [-1, 1]; c is one-hot of shape (n, 10).
+
+    Args:
+        split: "all"; or "train" (every image but each fourth) and "test" (each fourth image).
+    """
+    from sklearn.datasets import load_digits
+
+    check_choice(split, "split", ("train", "test", "all"))
+    images, labels = load_digits(return_X_y=True)
+    x1 = torch.tensor(images, dtype=torch.float32) / 8 - 1
+    c = torch.eye(10)[torch.tensor(labels)]
+    held_out = torch.arange(len(x1)) % 4 == 3
+    rows = {"train": ~held_out, "test": held_out, "all": torch.ones_like(held_out)}[split]
+    return Dataset(x1[rows], c[rows], name="digits")

@@ -1,0 +1,280 @@
+"""The exactly solvable case: conditional optimal transport between Gaussians, without a network.
+
+Let c ~ N(0, S_c), x1 | c ~ N(A c + b, S) and x0 ~ N(0, I). The conditional coupling with weight
+g between (x0, g c0) and (x1, g c1) is then the linear (Bures) map between two Gaussians, so
+(x0, x1, c) is jointly Gaussian, the velocity is affine, and every error is a formula. Batches are
+infinite here: g -> infinity is optimal transport within each condition, and the independent
+coupling is a curve of its own. Everything is float64 numpy.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import solve_ivp
+
+from cotlearn.validation import check_choice, check_count, check_number
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LinearGaussian:
+    """c ~ N(0, S_c), x1 | c ~ N(A c + b, S).
+
+    Args:
+        A: (d, k).
+        b: (d,).
+        S: (d, d), symmetric and positive definite.
+        S_c: (k, k), symmetric and positive definite.
+    """
+
+    A: Array
+    b: Array
+    S: Array
+    S_c: Array
+
+    def __post_init__(self) -> None:
+        A = _finite(self.A, "A", 2)
+        d, k = A.shape
+        object.__setattr__(self, "A", A)
+        object.__setattr__(self, "b", _finite(self.b, "b", 1, (d,)))
+        object.__setattr__(self, "S", _positive_definite(self.S, "S", d))
+        object.__setattr__(self, "S_c", _positive_definite(self.S_c, "S_c", k))
+
+    @classmethod
+    def example(cls) -> LinearGaussian:
+        """The case of the course: d = 2, k = 1, A = (1.5, 0.5)', b = 0, S_c = 1."""
+        return cls(
+            A=np.array([[1.5], [0.5]]),
+            b=np.zeros(2),
+            S=np.array([[0.5, 0.2], [0.2, 0.3]]),
+            S_c=np.eye(1),
+        )
+
+    @property
+    def mean(self) -> Array:
+        """Mean of (x1, c), shape (d + k,)."""
+        return np.concatenate([self.b, np.zeros(len(self.S_c))])
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of (x1, c), shape (d + k, d + k)."""
+        cross = self.A @ self.S_c
+        return np.block([[cross @ self.A.T + self.S, cross], [cross.T, self.S_c]])
+
+    def sample(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw n pairs (x1, c) of shapes (n, d) and (n, k)."""
+        c = rng.multivariate_normal(np.zeros(len(self.S_c)), self.S_c, size=check_count(n, "n"))
+        noise = rng.multivariate_normal(np.zeros(len(self.S)), self.S, size=n)
+        return c @ self.A.T + self.b + noise, c
+
+    def flow(self, g: float | str, *, label: str = "target") -> AffineFlow:
+        """The flow that an infinitely large network learns from a coupling.
+
+        Args:
+            g: weight of the condition's distance in the conditional coupling, the g of COT Policy
+                (2505.01179): condition_weight = g^2. 0 is naive optimal transport, math.inf is
+                optimal transport within each condition; or "independent".
+            label: "target" gives the network the condition of x1, "source" that of x0.
+        """
+        check_choice(label, "label", ("target", "source"))
+        if isinstance(g, str):
+            check_choice(g, "g", ("independent",))
+            return AffineFlow(self, self._joint(np.zeros((self._d, self._d)), None))
+        g = check_number(g, "g", infinite=True)
+        if math.isinf(g):  # x1 = A c + b + S^(1/2) x0, whichever condition is the label
+            return AffineFlow(self, self._joint(_sqrtm(self.S), None))
+        if g == 0:
+            return self._naive(label)
+        return self._conditional(g, label)
+
+    @property
+    def _d(self) -> int:
+        return len(self.b)
+
+    def _naive(self, label: str) -> AffineFlow:
+        """g = 0: the Bures map of x alone; c follows x1 by the joint law, or nothing at all."""
+        Sigma = self.covariance[: self._d, : self._d]
+        x0_x1 = _sqrtm(Sigma)  # the map from N(0, I) is Sigma^(1/2)
+        if label == "source":  # c0 was drawn without looking at x0 or x1
+            return AffineFlow(self, self._joint(x0_x1, None, x1_c=np.zeros_like(self.A)))
+        return AffineFlow(self, self._joint(x0_x1, x0_x1 @ np.linalg.solve(Sigma, self.A @ self.S_c)))
+
+    def _conditional(self, g: float, label: str) -> AffineFlow:
+        d, k = self.A.shape
+        scale = np.diag(np.concatenate([np.ones(d), np.full(k, g)]))
+        source = np.block([[np.eye(d), np.zeros((d, k))], [np.zeros((k, d)), g**2 * self.S_c]])
+        target = scale @ self.covariance @ scale
+        cross = source @ bures_map(source, target)  # Cov((x0, g c0), (x1, g c1))
+        if label == "source":
+            return AffineFlow(self, self._joint(cross[:d, :d], None, x1_c=cross[d:, :d].T / g))
+        return AffineFlow(self, self._joint(cross[:d, :d], cross[:d, d:] / g))
+
+    def _joint(self, x0_x1: Array, x0_c: Array | None, x1_c: Array | None = None) -> Array:
+        """Covariance of (x0, x1, c) from its blocks; None: x0 independent of c, x1_c the truth."""
+        d, k = self.A.shape
+        x0_c = np.zeros((d, k)) if x0_c is None else x0_c
+        x1_c = self.A @ self.S_c if x1_c is None else x1_c
+        x1_x1 = self.covariance[:d, :d]
+        return np.block(
+            [[np.eye(d), x0_x1, x0_c], [x0_x1.T, x1_x1, x1_c], [x0_c.T, x1_c.T, self.S_c]]
+        )
+
+
+@dataclass(frozen=True)
+class AffineFlow:
+    """The flow of a joint Gaussian (x0, x1, c): v(t, x, c) = F(t) x + G(t) c + f(t).
+
+    Attributes:
+        problem: the law of (x1, c) that the flow should reach.
+        joint: covariance of (x0, x1, c), shape (2d + k, 2d + k).
+    """
+
+    problem: LinearGaussian
+    joint: Array
+
+    def skew(self) -> float:
+        """E_c W2^2(p(x0 | c), N(0, I)): how far training noise is from the noise of test time."""
+        d = len(self.problem.b)
+        x0_c = self.joint[:d, 2 * d :]
+        slope = np.linalg.solve(self.problem.S_c, x0_c.T).T
+        covariance = np.eye(d) - slope @ x0_c.T
+        return float(np.trace(slope @ x0_c.T) + bures_squared(covariance, np.eye(d)))
+
+    def one_step_variance(self) -> float:
+        """E tr Var(x1 | x0, c): what a one-step model must average over."""
+        d = len(self.problem.b)
+        seen = np.r_[0:d, 2 * d : len(self.joint)]
+        gain = self.joint[d : 2 * d, seen] @ np.linalg.pinv(self.joint[np.ix_(seen, seen)])
+        left = self.joint[d : 2 * d, d : 2 * d] - gain @ self.joint[seen, d : 2 * d]
+        return max(float(np.trace(left)), 0.0)
+
+    def coefficients(self, t: float) -> tuple[Array, Array, Array]:
+        """F (d, d), G (d, k) and f (d,) of v(t, x, c) = F x + G c + f, by Gaussian conditioning."""
+        d = len(self.problem.b)
+        k = len(self.problem.S_c)
+        eye, zero = np.eye(d), np.zeros((d, k))
+        velocity = np.hstack([-eye, eye, zero])  # x1 - x0 from (x0, x1, c)
+        seen = np.vstack(
+            [np.hstack([(1 - t) * eye, t * eye, zero]), np.eye(len(self.joint))[2 * d :]]
+        )
+        cross = velocity @ self.joint @ seen.T
+        gain = cross @ np.linalg.pinv(seen @ self.joint @ seen.T, rcond=1e-12, hermitian=True)
+        F, G = gain[:, :d], gain[:, d:]
+        return F, G, self.problem.b - t * F @ self.problem.b
+
+    def velocity(self, t: float, x: ArrayLike, c: ArrayLike) -> Array:
+        """v(t, x, c) for x of shape (n, d) and c of shape (n, k); t in [0, 1]."""
+        F, G, f = self.coefficients(_check_time(t))
+        return np.asarray(x) @ F.T + np.asarray(c) @ G.T + f
+
+    def law_after(self, c: ArrayLike, nfe: int | None = None) -> tuple[Array, Array]:
+        """Mean (d,) and covariance (d, d) of the sample for one condition c of shape (k,).
+
+        Args:
+            c: the condition.
+            nfe: Euler steps from N(0, I); None solves the ordinary differential equation.
+        """
+        P, q, C = self._after(nfe)
+        return P @ _finite(c, "c", 1, (len(self.problem.S_c),)) + q, C
+
+    def squared_w2(self, nfe: int | None = None) -> float:
+        """E_c W2^2(law of the sample given c, p(x1 | c)), exactly.
+
+        Args:
+            nfe: Euler steps; None solves the ordinary differential equation.
+        """
+        P, q, C = self._after(nfe)
+        slope = P - self.problem.A
+        off = q - self.problem.b
+        mean_error = np.trace(slope @ self.problem.S_c @ slope.T) + off @ off
+        return float(mean_error + bures_squared(C, self.problem.S))
+
+    def _after(self, nfe: int | None) -> tuple[Array, Array, Array]:
+        """The sample given c is N(P c + q, C)."""
+        U, P, q = self._exact if nfe is None else self._euler(check_count(nfe, "nfe"))
+        return P, q, U @ U.T
+
+    def _euler(self, steps: int) -> tuple[Array, Array, Array]:
+        """x after the steps is U x0 + P c + q."""
+        U, P, q = _start(self.problem)
+        for step in range(steps):
+            F, G, f = self.coefficients(step / steps)
+            U, P, q = U + F @ U / steps, P + (F @ P + G) / steps, q + (F @ q + f) / steps
+        return U, P, q
+
+    @cached_property
+    def _exact(self) -> tuple[Array, Array, Array]:
+        start = _start(self.problem)
+        shapes = [part.shape for part in start]
+        ends = np.cumsum([part.size for part in start])[:-1]
+
+        def unpack(flat: Array) -> list[Array]:
+            parts = np.split(flat, ends)
+            return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+
+        def derivative(t: float, flat: Array) -> Array:
+            U, P, q = unpack(flat)
+            F, G, f = self.coefficients(t)
+            return np.concatenate([(F @ U).ravel(), (F @ P + G).ravel(), F @ q + f])
+
+        flat = np.concatenate([part.ravel() for part in start])
+        end = solve_ivp(derivative, (0, 1), flat, method="DOP853", rtol=1e-10, atol=1e-12)
+        U, P, q = unpack(end.y[:, -1])
+        return U, P, q
+
+
+def bures_map(source: Array, target: Array) -> Array:
+    """The symmetric matrix M with M source M = target: the optimal map from N(0, source)."""
+    root = _sqrtm(source)
+    inverse = np.linalg.inv(root)
+    return inverse @ _sqrtm(root @ target @ root) @ inverse
+
+
+def bures_squared(first: Array, second: Array) -> float:
+    """Squared W2 between N(0, first) and N(0, second)."""
+    root = _sqrtm(first)
+    mixed = _sqrtm(root @ second @ root)
+    return max(float(np.trace(first) + np.trace(second) - 2 * np.trace(mixed)), 0.0)
+
+
+def _start(problem: LinearGaussian) -> tuple[Array, Array, Array]:
+    d, k = problem.A.shape
+    return np.eye(d), np.zeros((d, k)), np.zeros(d)
+
+
+def _sqrtm(matrix: Array) -> Array:
+    """Root of a symmetric positive semi-definite matrix (rounding below zero is cut off)."""
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    root: Array = (vectors * np.sqrt(values.clip(min=0))) @ vectors.T
+    return root
+
+
+def _check_time(t: Any) -> float:
+    time = check_number(t, "t")
+    if time > 1:
+        raise ValueError(f"t must lie in [0, 1], got {time}")
+    return time
+
+
+def _finite(value: Any, name: str, ndim: int, shape: tuple[int, ...] | None = None) -> Array:
+    array = np.asarray(value, dtype=np.float64)
+    if array.ndim != ndim or array.size == 0 or (shape is not None and array.shape != shape):
+        expected = f"shape {shape}" if shape else f"{ndim} dimensions and at least one entry"
+        raise ValueError(f"{name} must have {expected}, got shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} has NaN or infinite values")
+    return array
+
+
+def _positive_definite(value: Any, name: str, size: int) -> Array:
+    array = _finite(value, name, 2, (size, size))
+    if not np.allclose(array, array.T) or np.linalg.eigvalsh(array).min() <= 0:
+        raise ValueError(f"{name} must be symmetric and positive definite, got {array.tolist()}")
+    return array

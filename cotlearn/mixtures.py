@@ -1,0 +1,278 @@
+"""Conditional Gaussian mixtures in two dimensions, with everything known in closed form.
+
+A mixture here is p(x | c) = sum_k w_k(c) N(x; m_k(c), diag s_k(c)^2). Because it is a mixture of
+Gaussians, its density, fresh samples and the velocity field of the *independent* coupling with
+standard normal noise are exact: they are the oracles of the course.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from cotlearn.datasets import Dataset, Unconditional, digits, unconditional
+from cotlearn.validation import check_count, check_matrix, check_same_rows
+
+__all__ = [
+    "Components",
+    "ConditionalGaussianMixture",
+    "Dataset",
+    "Unconditional",
+    "digits",
+    "eight_gaussians",
+    "fork",
+    "moons",
+    "moving_modes",
+    "petals",
+    "rotating_pair",
+    "unconditional",
+]
+
+
+class Components(NamedTuple):
+    """The Gaussians of p(x | c), for n conditions, K Gaussians and d dimensions."""
+
+    log_weights: Tensor  #: (n, K), log of weights that sum to one over K
+    means: Tensor  #: (n, K, d)
+    stds: Tensor  #: (n, K, d), at least 0 (0: this coordinate is certain)
+
+
+@dataclass(frozen=True)
+class ConditionalGaussianMixture:
+    """A conditional Gaussian mixture p(x | c) with p(c).
+
+    Attributes:
+        name: how the course calls it.
+        dim: d, the dimension of x.
+        condition_dim: k, the dimension of c.
+        components: maps conditions (n, k) to `Components`.
+        draw_conditions: `draw_conditions(n, generator)` draws c from p(c), shape (n, k).
+        representative: `representative(n)` gives conditions to evaluate on: every condition where
+            there are finitely many (n is then ignored), else n of them spread over p(c).
+    """
+
+    name: str
+    dim: int
+    condition_dim: int
+    components: Callable[[Tensor], Components]
+    draw_conditions: Callable[[int, torch.Generator | None], Tensor]
+    representative: Callable[[int], Tensor]
+
+    def sample_conditions(self, n: int, generator: torch.Generator | None = None) -> Tensor:
+        """Draw n conditions from p(c), shape (n, k)."""
+        return self.draw_conditions(check_count(n, "n"), generator)
+
+    def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
+        """Draw n pairs (x1, c) from p(c) p(x | c), of shapes (n, d) and (n, k)."""
+        c = self.sample_conditions(n, generator)
+        return self.sample_given(c, generator), c
+
+    def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        """Draw one x from p(x | c) for each row of c, shape (n, d)."""
+        log_weights, means, stds = self.components(self._check_c(c))
+        k = torch.multinomial(log_weights.exp(), 1, generator=generator)[:, 0]
+        row = torch.arange(len(c))
+        noise = torch.randn(len(c), self.dim, generator=generator)
+        return means[row, k] + stds[row, k] * noise
+
+    def conditions(self, n: int = 9) -> Tensor:
+        """Conditions to evaluate on: all of them if finitely many, else n spread over p(c)."""
+        return self.representative(check_count(n, "n"))
+
+    def log_density(self, x: Tensor, c: Tensor) -> Tensor:
+        """log p(x | c) for each row, shape (n,).
+
+        Raises:
+            ValueError: p(x | c) has no density because a coordinate is certain given c.
+        """
+        x, (log_weights, means, stds) = self._check_x(x, c), self.components(self._check_c(c))
+        if (stds == 0).any():
+            raise ValueError(f"{self.name}: p(x | c) has no density, c fixes a coordinate of x")
+        return torch.logsumexp(log_weights + _log_normal(x, means, stds), dim=1)
+
+    def velocity(self, t: Tensor | float, x: Tensor, c: Tensor) -> Tensor:
+        """E[x1 - x0 | x_t = x, c] for x0 ~ N(0, I) independent of x1: the exact field, (n, d).
+
+        Given component k, (x_t, x1 - x0) is jointly Gaussian, so the conditional mean is linear;
+        the posterior weights of the components add these up (science of Lipman et al., 2210.02747,
+        applied to mixtures). t is a number or has shape (n,), in [0, 1].
+        """
+        x = self._check_x(x, c)
+        log_weights, means, stds = self.components(self._check_c(c))
+        time = torch.as_tensor(t, dtype=x.dtype)
+        if ((time < 0) | (time > 1)).any():
+            raise ValueError(f"t must lie in [0, 1], got values from {time.min()} to {time.max()}")
+        time = time.expand(len(x))[:, None, None]
+        variance = (1 - time) ** 2 + time**2 * stds**2  # of x_t given k
+        covariance = time * stds**2 - (1 - time)  # of x_t with x1 - x0 given k
+        # At t = 1 a certain coordinate has no spread: all that is left there is its mean.
+        variance = variance.clamp_min(torch.finfo(x.dtype).tiny ** 0.5)
+        posterior = torch.softmax(
+            log_weights + _log_normal(x, time * means, variance.sqrt()), dim=1
+        )
+        field = means + covariance / variance * (x[:, None, :] - time * means)
+        return (posterior[:, :, None] * field).sum(dim=1)
+
+    def _check_c(self, c: Any) -> Tensor:
+        return check_matrix(c, "c", columns=self.condition_dim)
+
+    def _check_x(self, x: Any, c: Tensor) -> Tensor:
+        x = check_matrix(x, "x", columns=self.dim)
+        check_same_rows(x, "x", c, "c")
+        return x
+
+
+def _log_normal(x: Tensor, means: Tensor, stds: Tensor) -> Tensor:
+    """log N(x; means, diag stds^2), shapes (n, d), (n, K, d), (n, K, d) -> (n, K)."""
+    z = (x[:, None, :] - means) / stds
+    return -(z**2 / 2 + stds.log() + math.log(2 * math.pi) / 2).sum(dim=2)
+
+
+def _on_circle(angle: Tensor, radius: float) -> Tensor:
+    return radius * torch.stack([angle.cos(), angle.sin()], dim=-1)
+
+
+def _even(means: Tensor, std: float) -> Components:
+    """Components of equal weight and equal standard deviation around means (n, K, d)."""
+    log_weights = torch.full(means.shape[:2], -math.log(means.shape[1]))
+    return Components(log_weights, means, torch.full_like(means, std))
+
+
+def _labelled(name: str, means: Tensor, std: float) -> ConditionalGaussianMixture:
+    """One-hot c with equal probabilities; means has shape (conditions, K, d)."""
+    n_conditions = len(means)
+
+    def components(c: Tensor) -> Components:
+        return _even(means[c.argmax(dim=1)], std)
+
+    def draw(n: int, generator: torch.Generator | None) -> Tensor:
+        labels = torch.randint(n_conditions, (n,), generator=generator)
+        return torch.eye(n_conditions)[labels]
+
+    return ConditionalGaussianMixture(
+        name, means.shape[2], n_conditions, components, draw, lambda n: torch.eye(n_conditions)
+    )
+
+
+def _continuous(
+    name: str, means: Callable[[Tensor], Tensor], std: float
+) -> ConditionalGaussianMixture:
+    """c uniform in [-1, 1]; means maps c of shape (n,) to (n, K, d)."""
+
+    def components(c: Tensor) -> Components:
+        return _even(means(c[:, 0]), std)
+
+    def draw(n: int, generator: torch.Generator | None) -> Tensor:
+        return 2 * torch.rand(n, 1, generator=generator) - 1
+
+    def spread(n: int) -> Tensor:
+        return ((torch.arange(n) + 0.5) / n * 2 - 1)[:, None]
+
+    return ConditionalGaussianMixture(name, 2, 1, components, draw, spread)
+
+
+def petals(n_conditions: int = 4) -> ConditionalGaussianMixture:
+    """Petals on a ring: the course's first example.
+
+    Condition k (one-hot) sits at angle 2 pi k / n on a ring of radius 4; p(x | c) has two equal
+    modes at -1.2 and +1.2 along the tangent, standard deviation 0.25.
+    """
+    angle = 2 * math.pi * torch.arange(check_count(n_conditions, "n_conditions")) / n_conditions
+    tangent = _on_circle(angle + math.pi / 2, 1.2)
+    centre = _on_circle(angle, 4.0)
+    return _labelled("petals", torch.stack([centre - tangent, centre + tangent], dim=1), 0.25)
+
+
+def moving_modes() -> ConditionalGaussianMixture:
+    """c in [-1, 1] turns two opposite modes at radius 2 about the origin, by pi c / 2.
+
+    The mean of p(x | c) is zero for every c: whoever looks only at means sees no condition here.
+    """
+
+    def means(c: Tensor) -> Tensor:
+        mode = _on_circle(math.pi / 2 * c, 2.0)
+        return torch.stack([-mode, mode], dim=1)
+
+    return _continuous("moving_modes", means, 0.25)
+
+
+def rotating_pair() -> ConditionalGaussianMixture:
+    """c in [-1, 1] moves a pair of modes along half a circle of radius 3: the mean moves.
+
+    The modes lie 1 inside and 1 outside the arc; standard deviation 0.25.
+    """
+
+    def means(c: Tensor) -> Tensor:
+        angle = math.pi / 2 * c
+        return torch.stack([_on_circle(angle, 2.0), _on_circle(angle, 4.0)], dim=1)
+
+    return _continuous("rotating_pair", means, 0.25)
+
+
+def fork() -> ConditionalGaussianMixture:
+    """c in [-1, 1] walks along a road that forks at c = 0 (after COT Policy, 2505.01179).
+
+    x = (3 c, +-2.5 max(c, 0)) with standard deviation 0.15: one mode before the fork, two after.
+    """
+
+    def means(c: Tensor) -> Tensor:
+        branch = torch.stack([3 * c, 2.5 * c.clamp_min(0)], dim=1)
+        return torch.stack([branch, branch * torch.tensor([1.0, -1.0])], dim=1)
+
+    return _continuous("fork", means, 0.15)
+
+
+def eight_gaussians() -> ConditionalGaussianMixture:
+    """Eight Gaussians on a circle of radius 5, standard deviation sqrt(0.1); c = which (one-hot).
+
+    Use `unconditional(eight_gaussians())` for the mixture of all eight without a condition.
+    """
+    means = _on_circle(2 * math.pi * torch.arange(8) / 8, 5.0)
+    return _labelled("eight_gaussians", means[:, None, :], math.sqrt(0.1))
+
+
+def moons(condition: str = "class") -> ConditionalGaussianMixture:
+    """Two moons of 3 x the usual size, with the moon (one-hot) or the x coordinate as condition.
+
+    Each moon is a mixture of 64 Gaussians of standard deviation 0.6 along a half circle, closer
+    to each other (0.15) than they are wide, so that even moons have a density in closed form.
+
+    Args:
+        condition: "class", c is one-hot of shape (n, 2); or "x", c is the first coordinate of x,
+            which is then certain given c (Cheng & Schwing 2503.10636, Figure 1).
+    """
+    std, points = 0.6, 64
+    angle = math.pi * (torch.arange(points) + 0.5) / points
+    upper = torch.stack([angle.cos(), angle.sin()], dim=1)
+    lower = torch.stack([1 - angle.cos(), 0.5 - angle.sin()], dim=1)
+    means = 3 * torch.stack([upper, lower]) - 1
+    if condition == "class":
+        return _labelled("moons", means, std)
+    if condition != "x":
+        raise ValueError(f"condition must be 'class' or 'x', got {condition!r}")
+    return _moons_given_x(means.reshape(-1, 2), std)
+
+
+def _moons_given_x(means: Tensor, std: float) -> ConditionalGaussianMixture:
+    def components(c: Tensor) -> Components:
+        log_weights = torch.log_softmax(-((c - means[:, 0]) ** 2) / (2 * std**2), dim=1)
+        heights = means[:, 1].expand(len(c), -1)
+        stds = torch.tensor([0.0, std]).expand(*heights.shape, 2)
+        return Components(
+            log_weights, torch.stack([c.expand_as(heights), heights], dim=2), stds.clone()
+        )
+
+    def draw(n: int, generator: torch.Generator | None) -> Tensor:
+        k = torch.randint(len(means), (n,), generator=generator)
+        return means[k, :1] + std * torch.randn(n, 1, generator=generator)
+
+    def spread(n: int) -> Tensor:
+        centres, _ = means[:, 0].sort()
+        return centres[((torch.arange(n) + 0.5) / n * len(centres)).long(), None]
+
+    return ConditionalGaussianMixture("moons", 2, 1, components, draw, spread)
