@@ -1,0 +1,212 @@
+"""What every coupling is (`Coupling`), and what it returns (`Pairs`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from typing import ClassVar, NamedTuple, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+from torch import Tensor
+
+from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Noise x0 and data x1 that train together, with the condition the network is given.
+
+    Attributes:
+        x0: (B, d) noise.
+        x1: (B, d) data.
+        c: (B, k) conditions, or None.
+        source_index: (B,) row of each x0 in the batch that went in.
+        target_index: (B,) row of each x1 in the batch that went in.
+        weight: (B,) weight of each row in the loss, or None for equal weights.
+    """
+
+    x0: Tensor
+    x1: Tensor
+    c: Tensor | None
+    source_index: Tensor
+    target_index: Tensor
+    weight: Tensor | None = None
+
+    def __len__(self) -> int:
+        return len(self.x0)
+
+    def map(self, change: Callable[[Tensor], Tensor]) -> Pairs:
+        """The pairs with `change` applied to every tensor: a slice, another device."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Pairs(**{n: None if v is None else change(v) for n, v in values.items()})
+
+
+class Sampler(Protocol):
+    """Data: anything whose `sample(n, generator=g)` returns (x1, c), c possibly None."""
+
+    def sample(
+        self, n: int, generator: torch.Generator | None = None
+    ) -> tuple[Tensor, Tensor | None]: ...
+
+
+class Source(Protocol):
+    """Noise: anything that called as `source(n, generator=g)` returns x0 of shape (n, d)."""
+
+    def __call__(self, n: int, generator: torch.Generator | None = None) -> Tensor: ...
+
+
+class Match(NamedTuple):
+    """The rows of source and target that a coupling puts together, and the label if not c[target]."""
+
+    source_index: NDArray[np.int64]
+    target_index: NDArray[np.int64]
+    c: Tensor | None = None
+
+
+class Coupling:
+    """Decides which noise meets which data. A new coupling overrides `match`, and nothing else.
+
+    Couplings that look at more than one batch override `stream`; couplings that look at the model
+    set `uses_network` and override `observe`.
+    """
+
+    name: ClassVar[str] = "coupling"
+    uses_network: ClassVar[bool] = False
+    needs_condition: ClassVar[bool] = False
+
+    def match(
+        self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator
+    ) -> Match:
+        """Which rows of x0 and x1 meet; arguments are checked already."""
+        raise NotImplementedError
+
+    def __call__(
+        self,
+        x0: Tensor,
+        x1: Tensor,
+        c: Tensor | None = None,
+        generator: torch.Generator | None = None,
+    ) -> Pairs:
+        """Pair a batch.
+
+        Args:
+            x0: (B, d) noise, floating point and finite; any device.
+            x1: (B, d) data.
+            c: (B, k) conditions of x1, or None where the coupling does not need one.
+            generator: randomness; the default is torch's global one.
+
+        Returns:
+            `Pairs` of B rows with the devices and dtypes of the inputs, which are not changed.
+
+        Raises:
+            TypeError: an input is not a floating-point tensor, or c is needed and None.
+            ValueError: shapes do not match, a batch is empty, or values are not finite.
+        """
+        check_matrix(x0, "x0")
+        check_matrix(x1, "x1", columns=x0.shape[1])
+        check_same_rows(x1, "x1", x0, "x0")
+        if c is not None:
+            check_same_rows(check_condition(c), "c", x0, "x0")
+        elif self.needs_condition:
+            raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
+        with torch.no_grad():
+            match = self.match(x0, x1, c, _numpy_rng(generator))
+        source = torch.from_numpy(match.source_index).to(x0.device)
+        target = torch.from_numpy(match.target_index).to(x0.device)
+        label = match.c if match.c is not None else None if c is None else c[target.to(c.device)]
+        return Pairs(x0[source], x1[target.to(x1.device)], label, source, target)
+
+    def stream(
+        self,
+        data: Sampler,
+        *,
+        batch_size: int,
+        ot_batch_size: int | None = None,
+        source: Source | None = None,
+        generator: torch.Generator | None = None,
+        start: int = 0,
+    ) -> Iterator[Pairs]:
+        """Yield training batches for ever: draw an OT batch, pair it, cut it up.
+
+        Batch number s is a function of the generator's seed and s alone, so that a stream resumed
+        with `start` goes on with the same numbers.
+
+        Args:
+            data: has `sample(n, generator=g) -> (x1, c)`.
+            batch_size: rows of each yielded `Pairs`.
+            ot_batch_size: rows that are paired at once; a multiple of batch_size (the default).
+            source: draws the noise; standard normal if None.
+            generator: its initial seed decides everything; torch's global seed if None.
+            start: number of the first batch.
+        """
+        check_count(batch_size, "batch_size")
+        ot_batch_size = batch_size if ot_batch_size is None else ot_batch_size
+        check_count(ot_batch_size, "ot_batch_size", minimum=batch_size)
+        if ot_batch_size % batch_size:
+            raise ValueError(
+                f"ot_batch_size must be a multiple of batch_size {batch_size}, got {ot_batch_size}"
+            )
+        seed = torch.initial_seed() if generator is None else generator.initial_seed()
+        per_solve = ot_batch_size // batch_size
+        number, part = divmod(check_count(start, "start", minimum=0), per_solve)
+        while True:
+            rng = generator_for(seed, number)
+            x1, c = data.sample(ot_batch_size, generator=rng)
+            x0 = draw_noise(x1, source, rng)
+            pairs = self(x0, x1, c, generator=rng)
+            for k in range(part, per_solve):
+                rows = slice(k * batch_size, (k + 1) * batch_size)
+                yield pairs.map(lambda value, rows=rows: value[rows])  # type: ignore[misc]
+            number, part = number + 1, 0
+
+    def observe(self, network: torch.nn.Module, step: int) -> None:
+        """See the current (EMA) network before `step`; most couplings do not look."""
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Tensors that a resumed training needs; most couplings have none."""
+        return {}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Take back what `state_dict` gave."""
+
+    def __repr__(self) -> str:
+        options = ", ".join(f"{k}={v!r}" for k, v in vars(self).items() if not k.startswith("_"))
+        return f"{type(self).__name__}({options})"
+
+
+def draw_noise(x1: Tensor, source: Source | None, generator: torch.Generator) -> Tensor:
+    """Noise of the shape of x1, standard normal unless a source is given."""
+    if source is None:
+        return torch.randn(x1.shape, dtype=x1.dtype, generator=generator)
+    x0 = source(len(x1), generator=generator)
+    if not isinstance(x0, Tensor) or x0.shape != x1.shape:
+        got = tuple(x0.shape) if isinstance(x0, Tensor) else type(x0).__name__
+        raise ValueError(f"source must return a tensor of shape {tuple(x1.shape)}, got {got}")
+    return x0
+
+
+def generator_for(seed: int, number: int) -> torch.Generator:
+    """A generator that depends on (seed, number) alone; different pairs give other numbers."""
+    mixed = np.random.SeedSequence([seed % 2**64, number]).generate_state(1, np.uint64)[0]
+    return torch.Generator().manual_seed(int(mixed) >> 1)
+
+
+def squared_distances(first: Tensor, second: Tensor) -> NDArray[np.float64]:
+    """|a_i - b_j|^2 for all rows, float64, shape (len(first), len(second))."""
+    distances: NDArray[np.float64] = cdist(to_numpy(first), to_numpy(second), "sqeuclidean")
+    return distances
+
+
+def to_numpy(value: Tensor) -> NDArray[np.float64]:
+    """A float64 numpy copy on the CPU."""
+    array: NDArray[np.float64] = value.detach().to("cpu", torch.float64).numpy()
+    return array
+
+
+def _numpy_rng(generator: torch.Generator | None) -> np.random.Generator:
+    device = "cpu" if generator is None else generator.device
+    seed = torch.randint(2**62, (1,), generator=generator, device=device)
+    return np.random.default_rng(int(seed))
