@@ -188,10 +188,10 @@ def draw_noise(x1: Tensor, source: Source | None, generator: torch.Generator) ->
     return x0
 
 
-def generator_for(seed: int, number: int) -> torch.Generator:
-    """A generator that depends on (seed, number) alone; different pairs give other numbers."""
-    mixed = np.random.SeedSequence([seed % 2**64, number]).generate_state(1, np.uint64)[0]
-    return torch.Generator().manual_seed(int(mixed) >> 1)
+def generator_for(seed: int, number: int, purpose: int = 0) -> torch.Generator:
+    """A generator that depends on (seed, number, purpose) alone, on every machine the same."""
+    sequence = np.random.SeedSequence([seed % 2**64, number, purpose])
+    return torch.Generator().manual_seed(int(sequence.generate_state(1, np.uint64)[0] >> 1))
 
 
 def squared_distances(first: Tensor, second: Tensor) -> NDArray[np.float64]:

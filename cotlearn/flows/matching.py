@@ -1,0 +1,53 @@
+"""Conditional flow matching: the straight path, its velocity, and the loss."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from cotlearn.couplings.base import Pairs
+
+
+class Velocity(Protocol):
+    """A velocity field: (t, x, c) -> (B, d), with t a number or of shape (B,)."""
+
+    def __call__(self, t: Tensor, x: Tensor, c: Tensor | None) -> Tensor: ...
+
+
+class Loss(Protocol):
+    """A loss: one value per row of the pairs, shape (B,)."""
+
+    def __call__(
+        self, network: torch.nn.Module, pairs: Pairs, generator: torch.Generator
+    ) -> Tensor: ...
+
+
+def interpolate(x0: Tensor, x1: Tensor, t: Tensor) -> Tensor:
+    """The straight path x_t = (1 - t) x0 + t x1 for t of shape (B,)."""
+    t = t[:, None]
+    return (1 - t) * x0 + t * x1
+
+
+def conditional_flow_matching_loss(
+    network: Velocity, pairs: Pairs, generator: torch.Generator | None = None
+) -> Tensor:
+    """|v(t, x_t, c) - (x1 - x0)|^2 at one uniform time per row (Lipman 2210.02747, eq. 14).
+
+    Args:
+        network: called as network(t, x, c).
+        pairs: a batch of any coupling.
+        generator: draws t on the CPU.
+
+    Returns:
+        (B,), the squared error of each row, summed over dimensions.
+    """
+    t = torch.rand(len(pairs), generator=generator, dtype=pairs.x0.dtype).to(pairs.x0.device)
+    x_t = interpolate(pairs.x0, pairs.x1, t)
+    return (network(t, x_t, pairs.c) - (pairs.x1 - pairs.x0)).square().sum(dim=1)
+
+
+def weighted_mean(losses: Tensor, pairs: Pairs) -> Tensor:
+    """The mean of the rows' losses, with the weights that the pairs carry."""
+    return losses.mean() if pairs.weight is None else (pairs.weight * losses).mean()

@@ -1,0 +1,155 @@
+"""How good samples are: distances between samples, straightness of paths, intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import ot
+import torch
+from numpy.typing import ArrayLike
+from scipy import stats
+from scipy.spatial.distance import cdist
+from torch import Tensor
+
+from cotlearn.couplings.base import squared_distances, to_numpy
+from cotlearn.flows.matching import Velocity
+from cotlearn.flows.solvers import ConditionalSampler, integrate
+from cotlearn.validation import check_condition, check_count, check_matrix
+
+
+class ConditionalData(Protocol):
+    """Data that can be sampled under a given condition."""
+
+    def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor: ...
+
+    def conditions(self, n: int = 9) -> Tensor: ...
+
+
+def squared_w2(a: Tensor, b: Tensor) -> float:
+    """The squared 2-Wasserstein distance between two samples, exactly (POT's network simplex).
+
+    Args:
+        a: (n, d).
+        b: (m, d); n and m may differ.
+    """
+    check_matrix(a, "a")
+    check_matrix(b, "b", columns=a.shape[1])
+    cost = squared_distances(a, b)
+    n, m = cost.shape
+    return float(ot.emd2(np.full(n, 1 / n), np.full(m, 1 / m), cost, numItermax=10_000_000))
+
+
+def conditional_squared_w2(
+    sample: ConditionalSampler,
+    data: ConditionalData,
+    *,
+    conditions: Tensor | None = None,
+    n: int = 1000,
+    generator: torch.Generator | None = None,
+) -> float:
+    """Squared W2 between n samples and n fresh samples of p(x | c), averaged over conditions.
+
+    Even perfect samples do not reach 0, because two finite samples differ. The floor is
+    `conditional_squared_w2(data.sample_given, data, ...)`: print it beside the value.
+
+    Args:
+        sample: sample(c, generator=g) draws one row for each row of c.
+        data: has `sample_given` and `conditions`.
+        conditions: (m, k); `data.conditions()` if None.
+        n: samples for each condition.
+        generator: randomness of both samples.
+    """
+    check_count(n, "n")
+    c = data.conditions() if conditions is None else check_condition(conditions, "conditions")
+    values = []
+    for row in c:
+        repeated = row.expand(n, -1)
+        truth = data.sample_given(repeated, generator=generator)
+        values.append(squared_w2(sample(repeated, generator=generator), truth))
+    return float(np.mean(values))
+
+
+def energy_distance(a: Tensor, b: Tensor) -> float:
+    """2 E|X - Y| - E|X - X'| - E|Y - Y'| between two samples (Szekely & Rizzo), unbiased.
+
+    Being unbiased it is about 0, and sometimes below, for two samples of the same law.
+
+    Args:
+        a: (n, d), n at least 2.
+        b: (m, d), m at least 2.
+    """
+    check_matrix(a, "a")
+    check_matrix(b, "b", columns=a.shape[1])
+    if min(len(a), len(b)) < 2:
+        raise ValueError(f"a and b need at least 2 rows each, got {len(a)} and {len(b)}")
+    x, y = to_numpy(a), to_numpy(b)
+    n, m = len(x), len(y)
+    within_x = cdist(x, x).sum() / (n * (n - 1))
+    within_y = cdist(y, y).sum() / (m * (m - 1))
+    return float(2 * cdist(x, y).mean() - within_x - within_y)
+
+
+def straightness(
+    velocity: Velocity, x0: Tensor, c: Tensor | None = None, *, nfe: int = 64
+) -> float:
+    """E int |v(t, x_t, c) - (x1 - x0)|^2 dt along the flow's own paths (Liu 2209.03003, eq. 3).
+
+    0 means that the paths are straight and one Euler step is exact.
+
+    Args:
+        velocity: the field.
+        x0: (n, d) noise to start from.
+        c: (n, k), or None.
+        nfe: Euler steps that trace the paths, at least 2.
+    """
+    check_count(nfe, "nfe", minimum=2)
+    path = integrate(velocity, x0, c, nfe=nfe, trajectory=True).trajectory
+    assert path is not None
+    steps = (path[1:] - path[:-1]) * nfe  # the velocities along the path
+    return float((steps - (path[-1] - path[0])).square().sum(dim=2).mean())
+
+
+def wilson_interval(
+    successes: int, trials: int, confidence: float = 0.95
+) -> tuple[float, float]:
+    """Wilson's interval for a probability of success, both ends in [0, 1].
+
+    Args:
+        successes: between 0 and trials.
+        trials: at least 1.
+        confidence: above 0 and below 1.
+    """
+    check_count(trials, "trials")
+    check_count(successes, "successes", minimum=0)
+    if successes > trials:
+        raise ValueError(f"successes must be at most trials {trials}, got {successes}")
+    _check_confidence(confidence)
+    interval = stats.binomtest(successes, trials).proportion_ci(confidence, method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def bootstrap_interval(
+    values: ArrayLike | Sequence[float], confidence: float = 0.95, *, seed: int = 0
+) -> tuple[float, float]:
+    """The percentile bootstrap interval of the mean.
+
+    Args:
+        values: one value per seed, episode or condition; at least 2.
+        confidence: above 0 and below 1.
+        seed: of the resampling.
+    """
+    array: Any = np.asarray(values, dtype=np.float64).ravel()
+    if len(array) < 2 or not np.isfinite(array).all():
+        raise ValueError(f"values must be at least 2 finite numbers, got {array.tolist()}")
+    _check_confidence(confidence)
+    rng = np.random.default_rng(seed)
+    means = rng.choice(array, size=(10_000, len(array))).mean(axis=1)
+    low, high = np.quantile(means, [(1 - confidence) / 2, (1 + confidence) / 2])
+    return float(low), float(high)
+
+
+def _check_confidence(confidence: float) -> None:
+    if not 0 < confidence < 1:
+        raise ValueError(f"confidence must lie between 0 and 1, got {confidence}")

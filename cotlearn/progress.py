@@ -1,0 +1,31 @@
+"""One progress bar for the whole course."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Any
+
+from tqdm.auto import tqdm
+
+SWITCH = "COTLEARN_PROGRESS"  #: set to 0 to switch bars off, to 1 to force them
+
+
+def progress_bar(*, total: int, initial: int = 0, what: str = "", show: bool | None = None) -> Any:
+    """A tqdm bar, shown in terminals and notebooks.
+
+    Args:
+        total: steps in all.
+        initial: steps done before.
+        what: a word before the bar.
+        show: True or False decides; None asks the environment variable COTLEARN_PROGRESS, then
+            whether somebody is watching.
+    """
+    if show is None:
+        switch = os.environ.get(SWITCH)
+        show = switch != "0" if switch else sys.stderr.isatty() or _in_notebook()
+    return tqdm(total=total, initial=initial, desc=what, disable=not show, leave=False)
+
+
+def _in_notebook() -> bool:
+    return "ipykernel" in sys.modules and "CI" not in os.environ
