@@ -1,0 +1,17 @@
+# Each target calls course.py, which sets up what it needs. On Windows: python course.py lab
+PYTHON ?= python3
+ARGS ?=
+
+.PHONY: help lab test course clean
+
+help:
+	@echo "make lab      open the course in JupyterLab (ARGS='--port 9999' for its options)"
+	@echo "make test     run lint, types, unit tests and every notebook"
+	@echo "make course   execute the notebooks in order; pages to read in build/course"
+	@echo "make clean    remove the environment and all results"
+
+lab test course:
+	@"$(PYTHON)" course.py $@ $(ARGS)
+
+clean:
+	rm -rf .venv build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

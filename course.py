@@ -1,0 +1,480 @@
+"""Sets up the course and runs it: the one script behind `make lab`, `make test` and `make course`.
+
+Usage, on Windows too::
+
+    python course.py lab        open the course in JupyterLab
+    python course.py test       run every test and every notebook
+    python course.py course     execute the notebooks in order, leave pages in build/course
+    python course.py setup      only set up
+
+It needs Python 3.11 to 3.13 and its standard library. Everything it writes stays in this folder:
+the environment in `.venv`, results in `build`. What follows `lab` goes on to JupyterLab
+(`python course.py lab --port 9999`), what follows `course` names notebooks (`course 00 01`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent
+VENV = ROOT / ".venv"
+BUILD = ROOT / "build"
+#: Written last, so that it is there only for a finished environment.
+STAMP = VENV / "cotlearn-stamp.json"
+#: There while the empty environment is made; left behind when that is interrupted.
+UNFINISHED = VENV / "cotlearn-unfinished"
+
+OLDEST, NEWEST = (3, 11), (3, 13)
+#: Gigabytes. Measured on Linux with the CPU build of torch; the CUDA build brings the rest.
+DOWNLOAD, DOWNLOAD_CUDA = 0.5, 3.5
+DISK, DISK_CUDA = 2.0, 9.0
+#: Imported by name to see that the environment is whole.
+PROBES = ("torch", "ot", "sklearn", "matplotlib", "jupyterlab", "nbclient", "nbval", "mujoco")
+CELL_TIMEOUT = 300
+
+
+class Problem(Exception):
+    """Something the user has to mend; the message says how."""
+
+
+# --- set-up -----------------------------------------------------------------------------------
+
+
+def set_up() -> Path:
+    """Makes sure that `.venv` is complete and up to date.
+
+    Returns:
+        The environment's Python.
+
+    Raises:
+        Problem: If the machine lacks something, or the installation failed.
+    """
+    python = venv_python()
+    if is_ready(python):
+        return python
+    base = find_python()
+    require_venv_module(base)
+    check_disk(shutil.disk_usage(str(ROOT)).free / 1e9)
+    announce_download(has_torch(python))
+    start = time.monotonic()
+    if UNFINISHED.exists() or not can_run(python, "import pip._internal.cli.main"):
+        create(base)
+    install(python)
+    if not is_whole(python):
+        say("The environment is damaged; building it anew.")
+        create(base)
+        install(python)
+        if not is_whole(python):
+            raise Problem(
+                "The environment is still not complete: a bug of course.py. Please report it."
+            )
+    STAMP.write_text(json.dumps({"fingerprint": fingerprint()}), encoding="utf-8")
+    say(f"Set up in {time.monotonic() - start:.0f} s.")
+    return python
+
+
+def venv_python() -> Path:
+    """Returns the path of the environment's Python, whether it exists or not."""
+    return VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
+def fingerprint() -> str:
+    """Returns a hash of all that the environment depends on, its place included."""
+    digest = hashlib.sha256(str(ROOT).encode())
+    for name in ("pyproject.toml", "constraints.txt"):
+        # Git may change the line ends on Windows.
+        digest.update((ROOT / name).read_bytes().replace(b"\r\n", b"\n"))
+    return digest.hexdigest()
+
+
+def is_ready(python: Path) -> bool:
+    """Tells whether the environment was finished for these files, and is still whole."""
+    try:
+        stamp = json.loads(STAMP.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    if UNFINISHED.exists() or stamp != {"fingerprint": fingerprint()}:
+        return False
+    return is_whole(python)
+
+
+def is_whole(python: Path) -> bool:
+    """Tells whether the environment's Python runs and finds this checkout and the packages."""
+    probe = (
+        "import sys, pathlib, importlib.util as u, cotlearn;"
+        "home = pathlib.Path(cotlearn.__file__).resolve().parent.parent;"
+        f"right = {OLDEST} <= sys.version_info[:2] <= {NEWEST};"
+        f"right = right and home == pathlib.Path({str(ROOT)!r});"
+        f"sys.exit(not right or not all(u.find_spec(name) for name in {PROBES!r}))"
+    )
+    return can_run(python, probe)
+
+
+def has_torch(python: Path) -> bool:
+    """Tells whether torch is in the environment already."""
+    return can_run(python, "import sys, importlib.util as u; sys.exit(not u.find_spec('torch'))")
+
+
+def can_run(python: Path, code: str) -> bool:
+    """Tells whether `python -c code` ends well."""
+    try:
+        done = subprocess.run(
+            [str(python), "-c", code],
+            cwd=str(python.parent) if python.parent.exists() else None,
+            env=child_environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            timeout=120,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return done.returncode == 0
+
+
+def find_python() -> str:
+    """Returns a Python of a supported version: this one, or another on the PATH.
+
+    Raises:
+        Problem: If there is none.
+    """
+    if OLDEST <= sys.version_info[:2] <= NEWEST:
+        return sys.executable
+    for minor in range(NEWEST[1], OLDEST[1] - 1, -1):
+        other = shutil.which(f"python3.{minor}")
+        if other and can_run(Path(other), "import venv"):
+            say(f"This is Python {platform.python_version()}; using {other} instead.")
+            return other
+    raise Problem(
+        f"The course needs Python 3.{OLDEST[1]} to 3.{NEWEST[1]}; this is Python "
+        f"{platform.python_version()} at {sys.executable}, and no other was found. Install one "
+        "from python.org or with your system's package manager, then run: python3.12 course.py lab"
+    )
+
+
+def require_venv_module(python: str) -> None:
+    """Checks that `python` can make environments, which Debian packs separately.
+
+    Raises:
+        Problem: If it cannot; names the package to install.
+    """
+    if can_run(Path(python), "import venv, ensurepip"):
+        return
+    code = "import sys; print('python%d.%d-venv' % sys.version_info[:2])"
+    package = subprocess.run([python, "-c", code], stdout=subprocess.PIPE, check=False)
+    raise Problem(
+        f"{python} has no complete venv module. On Debian and Ubuntu, install it with:\n"
+        f"    sudo apt install {package.stdout.decode().strip() or 'python3-venv'}\n"
+        "and run the same command again."
+    )
+
+
+def check_disk(free: float) -> None:
+    """Checks the free space, in gigabytes.
+
+    Raises:
+        Problem: If the course cannot fit.
+    """
+    if free < DISK:
+        raise Problem(
+            f"Only {free:.1f} GB are free where {ROOT} is; the course needs at least "
+            f"{DISK:.0f} GB. Free some space and run the same command again."
+        )
+    if sys.platform == "linux" and free < DISK_CUDA:
+        say(f"Note: {free:.1f} GB are free; torch with CUDA would need about {DISK_CUDA:.0f} GB.")
+
+
+def announce_download(torch_is_there: bool) -> None:
+    """Says how much will be downloaded, and how to make it less."""
+    say(f"Setting up in {VENV} (once; about {DOWNLOAD} GB to download, {DISK:.0f} GB on disk).")
+    if sys.platform == "linux" and not torch_is_there:
+        python = shlex_quote(str(venv_python()))
+        say(
+            "Note: on Linux, the torch that pip finds by itself usually carries the CUDA libraries,\n"
+            f"about {DOWNLOAD_CUDA} GB more to download. The course does not use them. To do without,\n"
+            "stop now (Ctrl-C), make the environment, and install torch into it by the command\n"
+            "that PyTorch's page 'Start Locally' (pytorch.org) gives for pip and CPU; then start again:\n"
+            "    python3 -m venv .venv\n"
+            f"    {python} -m pip install torch==2.13.0 ... (as the page says)"
+        )
+
+
+def create(base: str) -> None:
+    """Makes an empty environment, in place of any that is there.
+
+    Raises:
+        Problem: If that fails.
+    """
+    if VENV.exists() or VENV.is_symlink():
+        say("Removing the unfinished or broken environment.")
+        remove(VENV)
+    VENV.mkdir()
+    UNFINISHED.touch()
+    if subprocess.call([base, "-m", "venv", str(VENV)], env=child_environment()) != 0:
+        raise Problem(f"{base} -m venv {VENV} failed; the lines above say why.")
+    UNFINISHED.unlink()
+
+
+def remove(path: Path) -> None:
+    """Removes a folder, or a link to one without following it."""
+    try:
+        if path.is_symlink() or path.is_file():
+            path.unlink()
+        else:
+            shutil.rmtree(str(path))
+    except OSError as error:
+        raise Problem(
+            f"{path} could not be removed ({error}). Close programs that use it, remove it by "
+            "hand and run the same command again."
+        ) from error
+
+
+def install(python: Path) -> None:
+    """Installs the package and all it needs, at the exact versions.
+
+    An installation that was interrupted goes on where it was: pip finishes what is missing.
+
+    Raises:
+        Problem: If pip fails.
+    """
+    if STAMP.exists():
+        STAMP.unlink()
+    command = [str(python), "-m", "pip", "install", "--editable", ".[dev]"]
+    command += ["--constraint", "constraints.txt", "--disable-pip-version-check"]
+    if not sys.stdout.isatty():
+        command += ["--quiet"]
+    say("Installing; this takes some minutes the first time ...")
+    if subprocess.call(command, cwd=str(ROOT), env=child_environment()) != 0:
+        raise Problem(
+            "The installation failed; the lines above say why. Is the network reachable, and is "
+            "there space on the disk? Run the same command again to go on; if that does not help, "
+            f"remove {VENV} first."
+        )
+
+
+def child_environment(**more: str) -> dict[str, str]:
+    """Returns the environment for child processes: nothing of the user's Python leaks in."""
+    leaks = {"PYTHONPATH", "PYTHONHOME", "PYTHONWARNINGS", "PYTHONSTARTUP", "PIP_TARGET"}
+    leaks |= {"PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV", "VIRTUAL_ENV", "__PYVENV_LAUNCHER__"}
+    kept = {key: value for key, value in os.environ.items() if key not in leaks}
+    always = {"PIP_USER": "0", "PYTHONNOUSERSITE": "1", "PYTHONUTF8": "1"}
+    return {**kept, **always, **more}
+
+
+# --- lab, course ------------------------------------------------------------------------------
+
+
+def lab(python: Path, extra: list[str]) -> int:
+    """Opens JupyterLab."""
+    return call([str(python), "-m", "cotlearn", "lab", *extra], **tools_first())
+
+
+def course(python: Path, extra: list[str]) -> int:
+    """Executes the notebooks in order and leaves pages to read."""
+    pages = BUILD / "course"
+    pages.mkdir(parents=True, exist_ok=True)
+    command = [str(python), "-m", "cotlearn", "run", "--html", str(pages), *extra]
+    return call(command, **tools_first())
+
+
+def tools_first() -> dict[str, str]:
+    """Returns a PATH on which the environment's commands come first, for `!pip` in a notebook."""
+    return {"PATH": str(venv_python().parent) + os.pathsep + os.environ.get("PATH", "")}
+
+
+def call(command: list[str], **environment: str) -> int:
+    """Runs a command in this folder and returns its exit status."""
+    sys.stdout.flush()
+    try:
+        return subprocess.call(command, cwd=str(ROOT), env=child_environment(**environment))
+    except KeyboardInterrupt:
+        return 130
+
+
+# --- test -------------------------------------------------------------------------------------
+
+
+class Stage(NamedTuple):
+    """One part of the tests: its name, its command, and where pytest leaves its report."""
+
+    name: str
+    command: list[str]
+    report: Path | None = None
+
+
+class Counts(NamedTuple):
+    """What pytest counted."""
+
+    passed: int = 0
+    failed: int = 0
+    skipped: int = 0
+    errors: int = 0
+
+    def plus(self, other: Counts) -> Counts:
+        """Returns the sum."""
+        return Counts(*(a + b for a, b in zip(self, other)))
+
+
+def stages(python: Path) -> list[Stage]:
+    """Returns all parts of the tests, in order."""
+    run = [str(python), "-m"]
+    unit, notebooks = BUILD / "test" / "unit.xml", BUILD / "test" / "notebooks.xml"
+    two_at_a_time = ["-n", "2", "--dist", "loadfile", "-q"]
+    return [
+        Stage("lint", [*run, "ruff", "check", "."]),
+        Stage("format", [*run, "ruff", "format", "--check", "."]),
+        Stage("types", [*run, "mypy"]),
+        Stage("floors", [str(python.parent / "lint-imports")]),
+        Stage("unit tests", [*run, "pytest", *two_at_a_time, f"--junitxml={unit}"], unit),
+        Stage(
+            "notebooks",
+            [*run, "pytest", *two_at_a_time, f"--junitxml={notebooks}"]
+            + ["--nbval-lax", "--nbval-current-env", f"--nbval-cell-timeout={CELL_TIMEOUT}"]
+            + [str(path.relative_to(ROOT)) for path in sorted(ROOT.glob("notebooks/*.ipynb"))],
+            notebooks,
+        ),
+    ]
+
+
+def test(python: Path, extra: list[str]) -> int:
+    """Runs lint, types, unit tests and every notebook; goes on after a failure.
+
+    The last line is in the form of pytest's own, with the sum of both of its runs.
+    """
+    if extra:
+        raise Problem(f"test takes no more words, got: {' '.join(extra)}")
+    shutil.rmtree(str(BUILD / "test"), ignore_errors=True)
+    (BUILD / "test").mkdir(parents=True)
+    environment = {
+        **tools_first(),
+        "COTLEARN_PROGRESS": "0",
+        "OMP_NUM_THREADS": "1",
+        "PYDEVD_DISABLE_FILE_VALIDATION": "1",
+    }
+    start = time.monotonic()
+    results: list[tuple[str, int, float]] = []
+    counts = Counts()
+    for stage in stages(python):
+        print(f"\n=== {stage.name} " + "=" * (90 - len(stage.name)), flush=True)
+        began = time.monotonic()
+        code = call(stage.command, **environment)
+        if code == 130:
+            return code
+        if stage.report is not None:
+            found = read_counts(stage.report)
+            # pytest broke off before it could report: that is an error, not "nothing failed"
+            counts = counts.plus(found or Counts(errors=1))
+            if found and code == 0 and found.passed == 0:
+                code = 5
+        results.append((stage.name, code, time.monotonic() - began))
+    report(results, notebook_times(BUILD / "test" / "notebooks.xml"))
+    seconds = time.monotonic() - start
+    print(closing_line(counts, seconds), flush=True)
+    return 1 if any(code for _, code, _ in results) else 0
+
+
+def report(results: list[tuple[str, int, float]], times: dict[str, float]) -> None:
+    """Prints how each stage ended and how long each notebook took."""
+    print("\nstage            result   seconds")
+    for name, code, seconds in results:
+        print(f"{name:<16} {'passed' if code == 0 else 'FAILED':<8} {seconds:7.1f}")
+    if times:
+        print("\nnotebook (two at a time)             seconds")
+        for name, seconds in times.items():
+            print(f"{name:<36} {seconds:7.1f}")
+    broken = [name for name, code, _ in results if code]
+    print(f"\nfailed: {', '.join(broken)}" if broken else "\nEvery stage passed.")
+
+
+def read_counts(path: Path) -> Counts | None:
+    """Reads what pytest counted from its report; None if there is no whole report."""
+    try:
+        suites = list(ElementTree.parse(str(path)).getroot().iter("testsuite"))
+    except (OSError, ElementTree.ParseError):
+        return None
+    total = Counts()
+    for suite in suites:
+        tests, failed, skipped, errors = (
+            int(suite.get(key, "0")) for key in ("tests", "failures", "skipped", "errors")
+        )
+        total = total.plus(Counts(tests - failed - skipped - errors, failed, skipped, errors))
+    return total
+
+
+def notebook_times(path: Path) -> dict[str, float]:
+    """Sums the seconds of each notebook's cells from pytest's report."""
+    times: dict[str, float] = {}
+    try:
+        cases = ElementTree.parse(str(path)).getroot().iter("testcase")
+    except (OSError, ElementTree.ParseError):
+        return {}
+    for case in cases:
+        name = case.get("classname", "").split(".")
+        key = next((part for part in name if part[:2].isdigit()), ".".join(name))
+        times[key] = times.get(key, 0.0) + float(case.get("time", "0"))
+    return dict(sorted(times.items()))
+
+
+def closing_line(counts: Counts, seconds: float) -> str:
+    """Returns a line like pytest's last one."""
+    words = [f"{counts.failed} failed"] if counts.failed else []
+    words += [f"{counts.passed} passed"]
+    words += [f"{counts.skipped} skipped"] if counts.skipped else []
+    words += [f"{counts.errors} error{'s' * (counts.errors > 1)}"] if counts.errors else []
+    return f" {', '.join(words)} in {seconds:.2f}s ".center(80, "=")
+
+
+# --- command line -----------------------------------------------------------------------------
+
+
+def say(message: str) -> None:
+    """Prints at once, also into a pipe."""
+    print(message, flush=True)
+
+
+def shlex_quote(text: str) -> str:
+    """Quotes a path for a shell if it needs it."""
+    return f'"{text}"' if " " in text else text
+
+
+COMMANDS = {"lab": lab, "test": test, "course": course, "setup": None}
+
+
+def main(arguments: list[str]) -> int:
+    """Runs one of the commands; returns the exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    if not arguments or arguments[0] in {"-h", "--help", "help"}:
+        print((__doc__ or "").strip())
+        return 0
+    name, extra = arguments[0], arguments[1:]
+    if name not in COMMANDS:
+        print(f"unknown command {name!r}; there are: {', '.join(COMMANDS)}", file=sys.stderr)
+        return 2
+    try:
+        python = set_up()
+        action = COMMANDS[name]
+        return action(python, extra) if action else 0
+    except Problem as problem:
+        sys.stdout.flush()
+        print(f"\n{problem}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\nstopped; run the same command again to go on", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
