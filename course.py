@@ -201,12 +201,12 @@ def announce_download(torch_is_there: bool) -> None:
     if sys.platform == "linux" and not torch_is_there:
         python = shlex_quote(str(venv_python()))
         say(
-            "Note: on Linux, the torch that pip finds by itself usually carries the CUDA libraries,\n"
-            f"about {DOWNLOAD_CUDA} GB more to download. The course does not use them. To do without,\n"
-            "stop now (Ctrl-C), make the environment, and install torch into it by the command\n"
-            "that PyTorch's page 'Start Locally' (pytorch.org) gives for pip and CPU; then start again:\n"
+            "Note: on Linux, the torch that pip finds by itself usually carries the CUDA\n"
+            f"libraries, about {DOWNLOAD_CUDA} GB more to download. The course does not use them.\n"
+            "To do without, stop now (Ctrl-C), make the environment and install torch into it\n"
+            "as PyTorch's page 'Start Locally' (pytorch.org) says for pip and CPU; then start again:\n"
             "    python3 -m venv .venv\n"
-            f"    {python} -m pip install torch==2.13.0 ... (as the page says)"
+            f"    {python} -m pip install torch==2.13.0 ... (the rest as on that page)"
         )
 
 
