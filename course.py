@@ -204,7 +204,7 @@ def announce_download(torch_is_there: bool) -> None:
             "Note: on Linux, the torch that pip finds by itself usually carries the CUDA\n"
             f"libraries, about {DOWNLOAD_CUDA} GB more to download. The course does not use them.\n"
             "To do without, stop now (Ctrl-C), make the environment and install torch into it\n"
-            "as PyTorch's page 'Start Locally' (pytorch.org) says for pip and CPU; then start again:\n"
+            "as PyTorch's page 'Start Locally' (pytorch.org) says for pip and CPU; then try again:\n"
             "    python3 -m venv .venv\n"
             f"    {python} -m pip install torch==2.13.0 ... (the rest as on that page)"
         )
