@@ -29,8 +29,12 @@ class Verdict(enum.Enum):
     NOT_YET = "not yet"
     CORRECT = "correct"
 
-    def _ipython_display_(self) -> None:
-        """Shows nothing: `check` has printed its sentence already."""
+
+def _show_nothing(verdict: Verdict) -> None:
+    """Keeps Jupyter from showing a verdict: `check` has printed its sentence already."""
+
+
+Verdict._ipython_display_ = _show_nothing  # type: ignore[attr-defined] # enum reserves the name
 
 
 class NotYet(Exception):
