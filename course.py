@@ -203,8 +203,8 @@ def announce_download(torch_is_there: bool) -> None:
         say(
             "Note: on Linux, the torch that pip finds by itself usually carries the CUDA\n"
             f"libraries, about {DOWNLOAD_CUDA} GB more to download. The course does not use them.\n"
-            "To do without, stop now (Ctrl-C), make the environment and install torch into it\n"
-            "as PyTorch's page 'Start Locally' (pytorch.org) says for pip and CPU; then try again:\n"
+            "To do without, stop now (Ctrl-C), make the environment, install torch into it as\n"
+            "PyTorch's page 'Start Locally' (pytorch.org) says for pip and CPU, and try again:\n"
             "    python3 -m venv .venv\n"
             f"    {python} -m pip install torch==2.13.0 ... (the rest as on that page)"
         )
@@ -253,7 +253,7 @@ def install(python: Path) -> None:
     command = [str(python), "-m", "pip", "install", "--editable", ".[dev]"]
     command += ["--constraint", "constraints.txt", "--disable-pip-version-check"]
     if not sys.stdout.isatty():
-        command += ["--quiet"]
+        command += ["--quiet", "--quiet"]
     say("Installing; this takes some minutes the first time ...")
     if subprocess.call(command, cwd=str(ROOT), env=child_environment()) != 0:
         raise Problem(

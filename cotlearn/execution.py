@@ -93,12 +93,15 @@ def execute(path: Path, *, timeout: int = 300, progress: Progress | None = None)
     error: str | None = None
     with _environment(COTLEARN_PROGRESS="0", PYDEVD_DISABLE_FILE_VALIDATION="1"):
         try:
-            client.execute()
+            if code:
+                client.execute(cleanup_kc=True)  # ends the kernel, whatever happens
         except CellExecutionError as raised:
             error = _traceback(notebook.cells[current]) or str(raised)
         except CellTimeoutError:
             error = f"The cell ran for longer than {timeout} seconds and was stopped."
         except DeadKernelError:
+            if hasattr(client, "_async_cleanup_kernel_future"):  # nbclient's mark of a Ctrl-C
+                raise KeyboardInterrupt from None
             error = "The kernel died while it ran this cell (out of memory?)."
     failure = error and Failure(current, notebook.cells[current].source, error)
     return Run(

@@ -22,8 +22,15 @@ _NAME = re.compile(r"(\d\d)\.[a-z0-9_]+")
 _registry: dict[str, Callable[[Any], None]] = {}
 
 
-class Verdict(enum.Enum):
-    """What a check says about an answer."""
+class _Silent:
+    """Shows nothing as the last value of a cell."""
+
+    def _ipython_display_(self) -> None:
+        pass
+
+
+class Verdict(_Silent, enum.Enum):
+    """What a check says about an answer; silent, because `check` has printed it already."""
 
     NOT_ATTEMPTED = "not attempted yet"
     NOT_YET = "not yet"

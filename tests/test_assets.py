@@ -1,0 +1,83 @@
+from pathlib import Path
+
+import pytest
+
+from cotlearn import assets
+
+
+@pytest.fixture
+def course(tmp_path, monkeypatch):
+    """A course of three notebooks and one data file in a folder with a space."""
+    root = tmp_path / "my course"
+    (root / "notebooks").mkdir(parents=True)
+    for name in ("00_start_here", "01_first", "10_last", "scratch"):
+        (root / "notebooks" / f"{name}.ipynb").write_text("{}")
+    (root / "data" / "deep").mkdir(parents=True)
+    (root / "data" / "deep" / "table.npz").write_bytes(b"1")
+    (root / "secret.txt").write_text("outside data")
+    monkeypatch.setattr(assets, "course_folder", lambda: root)
+    monkeypatch.chdir(tmp_path)
+    return root
+
+
+def test_notebooks_come_in_order_and_only_the_numbered(course):
+    names = [path.stem for path in assets.notebooks()]
+    assert names == ["00_start_here", "01_first", "10_last"]
+
+
+@pytest.mark.parametrize(
+    "name", ["0", "00", "00_start_here", "00_start_here.ipynb", "notebooks/00_start_here.ipynb"]
+)
+def test_a_notebook_has_many_names(course, name):
+    assert assets.find_notebook(name) == course / "notebooks" / "00_start_here.ipynb"
+
+
+def test_any_path_of_a_notebook_will_do(course):
+    path = course / "notebooks" / "scratch.ipynb"
+    assert assets.find_notebook(str(path)) == path
+
+
+def test_an_unknown_notebook_names_its_neighbours(course):
+    with pytest.raises(ValueError, match="did you mean: 00_start_here") as raised:
+        assets.find_notebook("00_start_hear")
+    assert "available: 00_start_here, 01_first, 10_last" in str(raised.value)
+
+
+@pytest.mark.parametrize("name", ["", "7", "elsewhere/00_start_here.ipynb", "zzz"])
+def test_what_is_not_there_is_an_error(course, name):
+    with pytest.raises(ValueError, match="there is no notebook"):
+        assets.find_notebook(name)
+
+
+def test_data(course):
+    assert assets.find_data("deep/table.npz").read_bytes() == b"1"
+    with pytest.raises(ValueError, match=r"did you mean: deep/table\.npz"):
+        assets.find_data("deep/tables.npz")
+    with pytest.raises(ValueError, match="there is no data file"):
+        assets.find_data("../secret.txt")
+
+
+def test_copies_never_overwrite(course, tmp_path):
+    target = tmp_path / "of mine"
+    target.mkdir()
+    (target / "01_first.ipynb").write_text("my work")
+    copied, kept = assets.copy_notebooks(target)
+    assert [path.name for path in copied] == ["00_start_here.ipynb", "10_last.ipynb"]
+    assert [path.name for path in kept] == ["01_first.ipynb"]
+    assert (target / "01_first.ipynb").read_text() == "my work"
+    assert assets.copy_notebooks(target)[0] == []
+    with pytest.raises(ValueError, match="folder must be a directory"):
+        assets.copy_notebooks(target / "01_first.ipynb")
+
+
+def test_an_installed_wheel_has_the_course_inside(tmp_path, monkeypatch):
+    package = tmp_path / "site-packages" / "cotlearn"
+    (package / "_course" / "notebooks").mkdir(parents=True)
+    monkeypatch.setattr(assets, "_PACKAGE", package)
+    assert assets.checkout() is None
+    assert assets.course_folder() == package / "_course"
+
+
+def test_this_checkout_is_found():
+    root = assets.checkout()
+    assert root == Path(__file__).resolve().parent.parent
