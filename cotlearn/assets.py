@@ -14,7 +14,7 @@ _NUMBERED = re.compile(r"\d\d_.*\.ipynb")
 def checkout() -> Path | None:
     """Returns the root of the checkout that this package is imported from; None for a wheel."""
     root = _PACKAGE.parent
-    if (root / "pyproject.toml").is_file() and (root / "notebooks").is_dir():
+    if (root / "pyproject.toml").is_file() and (root / "course.py").is_file():
         return root
     return None
 

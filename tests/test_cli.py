@@ -1,0 +1,160 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbformat.v4 import new_code_cell, new_notebook
+from typer.testing import CliRunner
+
+from cotlearn import assets, cli, doctor
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(cli.app, list(arguments))
+
+
+@pytest.fixture
+def notebook(tmp_path):
+    def write(*sources):
+        path = tmp_path / "a notebook.ipynb"
+        nbformat.write(new_notebook(cells=[new_code_cell(source) for source in sources]), path)
+        return path
+
+    return write
+
+
+def test_run_stores_outputs_and_pages(notebook, tmp_path):
+    path = notebook("print('✓ claim: it is so')", "6 * 7")
+    result = invoke("run", str(path), "--inplace", "--html", str(tmp_path / "pages"))
+    assert result.exit_code == 0, result.output
+    assert "1 claim passed" in result.output
+    assert nbformat.read(path, as_version=4).cells[1].outputs[0].data["text/plain"] == "42"
+    pages = {page.name for page in (tmp_path / "pages").iterdir()}
+    assert pages == {"a notebook.html", "index.html"}
+
+
+def test_run_shows_the_failing_cell(notebook):
+    path = notebook("x = 1", "y = x / 0  # [not markup]", "print('never')")
+    before = path.read_bytes()
+    result = invoke("run", str(path), "--inplace")
+    assert result.exit_code == 1
+    assert "cell 1 of" in result.output
+    assert "y = x / 0  # [not markup]" in result.output
+    assert "ZeroDivisionError" in result.output
+    assert path.read_bytes() == before
+
+
+def test_run_knows_near_names(monkeypatch):
+    monkeypatch.setattr(assets, "notebooks", lambda: [Path("00_start_here.ipynb")])
+    result = invoke("run", "00_start_her")
+    assert result.exit_code == 2
+    assert "there is no notebook '00_start_her'" in result.output
+    assert "did you mean: 00_start_here?" in result.output
+
+
+def test_run_refuses_a_damaged_notebook(tmp_path):
+    path = tmp_path / "damaged.ipynb"
+    path.write_text("{")
+    result = invoke("run", str(path))
+    assert result.exit_code == 2
+    assert "not a readable notebook" in result.output
+    assert "Traceback" not in result.output
+
+
+@pytest.fixture
+def launched(monkeypatch):
+    """Records the command that would start JupyterLab."""
+    commands = []
+    monkeypatch.setattr(
+        cli.subprocess, "call", lambda command, env: commands.append((command, env)) or 0
+    )
+    return commands
+
+
+def test_lab_in_a_checkout_opens_the_notebooks_in_place(launched, monkeypatch):
+    monkeypatch.setattr(cli, "_has_display", lambda: False)
+    monkeypatch.setattr(cli.os, "geteuid", lambda: 0, raising=False)
+    result = invoke("lab", "--port", "9999")
+    assert result.exit_code == 0, result.output
+    (command, environment), *_ = launched
+    assert command[:3] == [sys.executable, "-m", "jupyterlab"]
+    assert "--LabApp.default_url=/lab/tree/notebooks/00_start_here.ipynb" in command
+    assert f"--ServerApp.root_dir={assets.checkout()}" in command
+    assert {"--no-browser", "--allow-root"} <= set(command)
+    assert command[-2:] == ["--port", "9999"]
+    assert environment["JUPYTER_PATH"].startswith(sys.prefix)
+
+
+def test_lab_with_a_display_opens_a_browser(monkeypatch):
+    monkeypatch.setattr(cli, "_has_display", lambda: True)
+    monkeypatch.setattr(cli.os, "geteuid", lambda: 1000, raising=False)
+    options = cli.lab_options(Path("/some where"), "00.ipynb", [])
+    expected = ["--ServerApp.root_dir=/some where", "--LabApp.default_url=/lab/tree/00.ipynb"]
+    assert options == expected
+
+
+def test_lab_from_a_wheel_copies_once(launched, tmp_path, monkeypatch):
+    source = tmp_path / "installed" / "notebooks"
+    source.mkdir(parents=True)
+    (source / "00_start_here.ipynb").write_text("{}")
+    monkeypatch.setattr(assets, "checkout", lambda: None)
+    monkeypatch.setattr(assets, "course_folder", lambda: source.parent)
+    target = tmp_path / "my work"
+    assert "1 notebooks copied" in invoke("lab", "--to", str(target)).output
+    (target / "00_start_here.ipynb").write_text("mine")
+    assert "0 notebooks copied" in invoke("lab", "--to", str(target)).output
+    assert (target / "00_start_here.ipynb").read_text() == "mine"
+
+
+def test_lab_without_jupyterlab_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(cli.importlib.util, "find_spec", lambda name: None)
+    result = invoke("lab")
+    assert result.exit_code == 2
+    assert "pip install 'cotlearn[course]'" in result.output
+
+
+def examined(monkeypatch, *findings):
+    monkeypatch.setattr(doctor, "examine", lambda: list(findings))
+    return invoke("doctor")
+
+
+def test_doctor_passes_when_only_luxuries_are_missing(monkeypatch):
+    good = doctor.Finding("Python", "3.12.0", ok=True)
+    luxury = doctor.Finding("images", "none", ok=False, required=False, remedy="apt get [them]")
+    result = examined(monkeypatch, good, luxury)
+    assert result.exit_code == 0
+    assert "apt get [them]" in result.output
+
+
+def test_doctor_fails_when_something_needed_is_missing(monkeypatch):
+    result = examined(monkeypatch, doctor.Finding("torch", "missing", ok=False, remedy="mend me"))
+    assert result.exit_code == 1
+    assert "mend me" in result.output
+
+
+def test_doctor_compares_versions(monkeypatch):
+    monkeypatch.setattr(
+        doctor.metadata, "requires", lambda name: ["numpy>=999", "nope>=1", 'pytest; extra == "x"']
+    )
+    monkeypatch.setattr(doctor.assets, "checkout", lambda: None)
+    old, missing = doctor.check_packages()
+    assert not old.ok
+    assert "supported: >=999" in old.found
+    assert missing.found.startswith("missing")
+    assert '"nope>=1"' in missing.remedy
+
+
+def test_doctor_looks_at_this_machine():
+    assert doctor.check_matplotlib().ok
+    assert doctor.check_processor().ok
+    assert "GB free" in doctor.check_disk().found
+
+
+def test_the_module_is_the_command_and_starts_without_torch():
+    code = "import sys, cotlearn.cli; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    done = subprocess.run(
+        [sys.executable, "-m", "cotlearn", "--help"], capture_output=True, text=True, check=True
+    )
+    assert all(name in done.stdout for name in ("lab", "run", "doctor"))
