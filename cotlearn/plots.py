@@ -217,6 +217,8 @@ def _plane(ax: Axes, title: str | None, limit: float | None) -> Axes:
     ax.set_ylabel("second coordinate")
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    if len(ax.get_shared_y_axes().get_siblings(ax)) > 1:
+        ax.label_outer()
     if title is not None:
         ax.set_title(title)
     _square(ax, limit)
@@ -531,7 +533,6 @@ def source_given_condition(
         ax.add_patch(Circle((0, 0), 2.0, fill=False, color=SOURCE_COLOR, lw=0.8, alpha=0.7))
         words = f"c = {k}" if labels is None else labels[k]
         _plane(ax, f"{title}: {words}" if title and k == 0 else words, limit)
-        ax.label_outer()
     return grid
 
 
@@ -548,6 +549,7 @@ def error_against_nfe(
     title: str | None = None,
     ylabel: str = "squared conditional $W_2$",
     labels: Mapping[str, str] | None = None,
+    log: bool = True,
     legend: bool = True,
 ) -> Axes:
     """Plot error against the number of network evaluations, both on logarithmic axes.
@@ -562,10 +564,11 @@ def error_against_nfe(
         title: words above the panel.
         ylabel: words beside the vertical axis.
         labels: words for the legend where they differ from ``LABELS``.
+        log: whether the error's axis is logarithmic; errors must then be positive.
         legend: whether to draw the legend.
 
     Raises:
-        ValueError: a shape does not fit, or an error is not positive and finite.
+        ValueError: a shape does not fit, or an error is not finite or not positive.
     """
     steps = _array(nfe, "nfe")
     if steps.ndim != 1 or len(steps) < 1 or steps.min() < 1:
@@ -577,8 +580,8 @@ def error_against_nfe(
                 f"errors[{name!r}] has shape {curve.shape}, "
                 f"expected ({len(steps)},) or (seeds, {len(steps)})"
             )
-        if not (np.isfinite(curve).all() and (curve > 0).all()):
-            raise ValueError(f"errors[{name!r}] must be positive and finite on a logarithmic axis")
+        if not np.isfinite(curve).all() or (log and (curve <= 0).any()):
+            raise ValueError(f"errors[{name!r}] must be finite, and positive on a logarithmic axis")
     ax = _axes(ax, figsize=(5.2, 3.4))
     for name, curve in curves.items():
         label = (labels or {}).get(name, label_of(name))
@@ -590,7 +593,8 @@ def error_against_nfe(
     if floor is not None:
         ax.axhline(floor, color=COLORS["truth"], linestyle=":", linewidth=1.3, label=floor_label)
     ax.set_xscale("log", base=2)
-    ax.set_yscale("log")
+    if log:
+        ax.set_yscale("log")
     ax.set_xticks(steps, [f"{s:g}" for s in steps])
     ax.minorticks_off()
     ax.grid(True)
@@ -909,12 +913,11 @@ def animate(
     else:
         span = max(float(np.ptp(values)), 1e-12)
         colors = plt.get_cmap(CONDITION_MAP)((values - values.min()) / span)
-    figure, axes = panels(len(arrays), size=panel)
+    figure, axes = panels(len(arrays), size=panel, shared=True)
     dots = []
     for ax, (name, array) in zip(axes, arrays.items(), strict=True):
         dots.append(ax.scatter(*array[0].T, s=size, c=colors, alpha=0.8, linewidths=0))
         _plane(ax, (titles or {}).get(name, label_of(name)), limit)
-        ax.label_outer()
 
     def draw(frame: int) -> list[Any]:
         index = min(frame, times - 1)

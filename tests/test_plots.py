@@ -143,6 +143,18 @@ def test_error_against_nfe_shows_mean_band_and_floor():
     assert ax.get_xscale() == ax.get_yscale() == "log"
 
 
+def test_error_against_nfe_on_a_linear_axis_may_be_negative():
+    ax = plots.error_against_nfe([1, 2], {"truth": [0.1, -0.1]}, log=False)
+    assert ax.get_yscale() == "linear"
+
+
+def test_shared_panels_are_labelled_on_the_outside_only(cloud):
+    _, axes = plots.panels(2, shared=True)
+    for ax in axes:
+        plots.scatter(cloud[0], ax=ax, limit=4)
+    assert [bool(ax.get_ylabel()) for ax in axes] == [True, False]
+
+
 def test_an_unknown_coupling_can_be_drawn():
     ax = plots.error_against_nfe([1, 2], {"my_own": [1.0, 0.5]})
     assert ax.get_legend().get_texts()[0].get_text() == "my_own"
@@ -213,7 +225,7 @@ BAD_CALLS = {
     "axes has": lambda: plots.source_given_condition(POINTS, torch.eye(4), axes=[None]),
     "nfe has": lambda: plots.error_against_nfe([0, 1], {"truth": [1, 1]}),
     "errors['truth'] has": lambda: plots.error_against_nfe([1, 2], {"truth": [1, 1, 1]}),
-    "positive and finite": lambda: plots.error_against_nfe([1, 2], {"truth": [1, -1]}),
+    "must be finite, and positive": lambda: plots.error_against_nfe([1, 2], {"truth": [1, -1]}),
     "log is": lambda: plots.curves([1], {"truth": [1]}, xlabel="", ylabel="", log="z"),
     "values['truth']": lambda: plots.curves([1], {"truth": [1, 2]}, xlabel="", ylabel=""),
     "step and loss": lambda: plots.training_curves({"truth": {"loss": [1]}}),
