@@ -1,0 +1,62 @@
+"""Every folded solution is right, every unchanged stub counts as not attempted."""
+
+import ast
+import re
+
+import matplotlib as mpl
+
+from cotlearn.homework import Verdict, check
+
+PREAMBLE = "import math, torch, numpy as np, matplotlib.pyplot as plt, cotlearn"
+SOLUTION = re.compile(r"<summary>Solution</summary>(.*?)</details>", re.DOTALL)
+FENCED = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+
+def exercises(cells):
+    """Yields (stub, [(answer, name), ...] of its check cell, solution)."""
+    for i, cell in enumerate(cells):
+        if "exercise" in cell.metadata.get("tags", []):
+            folded = SOLUTION.search(cells[i + 2].source)
+            assert folded, f"cell {i + 2} holds no solution"
+            solution = "\n".join(FENCED.findall(folded[1]))
+            yield cell.source, checks(cells[i + 1].source), solution
+
+
+def checks(source):
+    """Finds the calls check(answer, "name") in a cell."""
+    calls = [
+        (ast.unparse(node.args[0]), ast.literal_eval(node.args[1]))
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id == "check"
+    ]
+    assert calls, "the check cell calls no check"
+    return calls
+
+
+def verdicts(source, calls):
+    namespace = {"__name__": "__main__"}
+    with mpl.rc_context({"backend": "agg"}):
+        exec(PREAMBLE, namespace)
+        exec(compile(source, "<cell>", "exec"), namespace)
+        return [check(eval(answer, namespace), name) for answer, name in calls]
+
+
+def test_solutions_are_correct(cells, capsys):
+    for _, calls, solution in exercises(cells):
+        found = verdicts(solution, calls)
+        assert found == [Verdict.CORRECT] * len(calls), f"{calls}: {capsys.readouterr().out}"
+
+
+def test_stubs_are_not_attempted(cells, capsys):
+    for stub, calls, _ in exercises(cells):
+        found = verdicts(stub, calls)
+        expected = [Verdict.NOT_ATTEMPTED] * len(calls)
+        assert found == expected, f"{calls}: {capsys.readouterr().out}"
+
+
+def test_each_check_belongs_to_its_notebook(cells, path):
+    names = [name for _, calls, _ in exercises(cells) for _, name in calls]
+    assert len(names) == len(set(names))
+    assert {name.split(".")[0] for name in names} == {path.name[:2]}
