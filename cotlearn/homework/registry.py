@@ -37,13 +37,6 @@ class Verdict(_Silent, enum.Enum):
     CORRECT = "correct"
 
 
-def _show_nothing(verdict: Verdict) -> None:
-    """Keeps Jupyter from showing a verdict: `check` has printed its sentence already."""
-
-
-Verdict._ipython_display_ = _show_nothing  # type: ignore[attr-defined] # enum reserves the name
-
-
 class NotYet(Exception):
     """Raised by a check with a sentence that helps the learner on."""
 
