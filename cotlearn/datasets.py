@@ -8,8 +8,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from cotlearn.validation import check_choice, check_condition, check_count, check_matrix
-from cotlearn.validation import check_same_rows
+from cotlearn.validation import (
+    check_choice,
+    check_condition,
+    check_count,
+    check_matrix,
+    check_same_rows,
+)
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,7 @@ class Dataset:
         return x1
 
     def conditions(self, n: int = 9) -> Tensor:
-        """The distinct conditions if there are at most 64, else n rows of c spread over the data."""
+        """The distinct conditions if at most 64, else n rows of c spread over the data."""
         if self.c is None:
             raise ValueError("this data set has no condition")
         distinct = torch.unique(self.c, dim=0).flip(0)

@@ -104,7 +104,9 @@ class LinearGaussian:
         x0_x1 = _sqrtm(Sigma)  # the map from N(0, I) is Sigma^(1/2)
         if label == "source":  # c0 was drawn without looking at x0 or x1
             return AffineFlow(self, self._joint(x0_x1, None, x1_c=np.zeros_like(self.A)))
-        return AffineFlow(self, self._joint(x0_x1, x0_x1 @ np.linalg.solve(Sigma, self.A @ self.S_c)))
+        return AffineFlow(
+            self, self._joint(x0_x1, x0_x1 @ np.linalg.solve(Sigma, self.A @ self.S_c))
+        )
 
     def _conditional(self, g: float, label: str) -> AffineFlow:
         d, k = self.A.shape

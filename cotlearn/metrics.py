@@ -22,9 +22,13 @@ from cotlearn.validation import check_condition, check_count, check_matrix
 class ConditionalData(Protocol):
     """Data that can be sampled under a given condition."""
 
-    def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor: ...
+    def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        """One x for each row of c."""
+        ...
 
-    def conditions(self, n: int = 9) -> Tensor: ...
+    def conditions(self, n: int = 9) -> Tensor:
+        """Conditions to evaluate on."""
+        ...
 
 
 def squared_w2(a: Tensor, b: Tensor) -> float:
@@ -111,9 +115,7 @@ def straightness(
     return float((steps - (path[-1] - path[0])).square().sum(dim=2).mean())
 
 
-def wilson_interval(
-    successes: int, trials: int, confidence: float = 0.95
-) -> tuple[float, float]:
+def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
     """Wilson's interval for a probability of success, both ends in [0, 1].
 
     Args:

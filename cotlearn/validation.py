@@ -72,12 +72,13 @@ def check_count(value: Any, name: str, *, minimum: int = 1) -> int:
 
 def check_number(value: Any, name: str, *, minimum: float = 0.0, infinite: bool = False) -> float:
     """Return `value` as a float if it is a number of at least `minimum`, not NaN."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        try:
-            value = value.item()  # a numpy or torch scalar
-        except (AttributeError, ValueError, RuntimeError):
-            raise TypeError(f"{name} must be a number, got {value!r}") from None
-    number = float(value)
+    try:
+        scalar = value.item() if hasattr(value, "item") else value  # of numpy or torch
+    except (ValueError, RuntimeError):
+        scalar = None
+    if isinstance(scalar, bool) or not isinstance(scalar, int | float):
+        raise TypeError(f"{name} must be a number, got {value!r}")
+    number = float(scalar)
     if math.isnan(number) or number < minimum or (math.isinf(number) and not infinite):
         also = " (infinity is allowed)" if infinite else " and finite"
         raise ValueError(f"{name} must be at least {minimum:g}{also}, got {number}")

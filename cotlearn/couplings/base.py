@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -40,8 +40,8 @@ class Pairs:
 
     def map(self, change: Callable[[Tensor], Tensor]) -> Pairs:
         """The pairs with `change` applied to every tensor: a slice, another device."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return Pairs(**{n: None if v is None else change(v) for n, v in values.items()})
+        given = {f.name: getattr(self, f.name) for f in fields(self)}
+        return replace(self, **{n: change(v) for n, v in given.items() if v is not None})
 
 
 class Sampler(Protocol):
@@ -49,21 +49,27 @@ class Sampler(Protocol):
 
     def sample(
         self, n: int, generator: torch.Generator | None = None
-    ) -> tuple[Tensor, Tensor | None]: ...
+    ) -> tuple[Tensor, Tensor | None]:
+        """Draw x1 of shape (n, d) and c of shape (n, k)."""
+        ...
 
 
 class Source(Protocol):
     """Noise: anything that called as `source(n, generator=g)` returns x0 of shape (n, d)."""
 
-    def __call__(self, n: int, generator: torch.Generator | None = None) -> Tensor: ...
+    def __call__(self, n: int, generator: torch.Generator | None = None) -> Tensor:
+        """Draw n rows."""
+        ...
 
 
 class Match(NamedTuple):
-    """The rows of source and target that a coupling puts together, and the label if not c[target]."""
+    """The rows of source and target that a coupling puts together, and what is not x1[target]."""
 
     source_index: NDArray[np.int64]
     target_index: NDArray[np.int64]
-    c: Tensor | None = None
+    c: Tensor | None = None  #: labels, where they are not c[target_index]
+    x1: Tensor | None = None  #: data, where it is not x1[target_index]
+    weight: Tensor | None = None  #: of each row in the loss
 
 
 class Coupling:
@@ -77,9 +83,7 @@ class Coupling:
     uses_network: ClassVar[bool] = False
     needs_condition: ClassVar[bool] = False
 
-    def match(
-        self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator
-    ) -> Match:
+    def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Which rows of x0 and x1 meet; arguments are checked already."""
         raise NotImplementedError
 
@@ -116,8 +120,11 @@ class Coupling:
             match = self.match(x0, x1, c, _numpy_rng(generator))
         source = torch.from_numpy(match.source_index).to(x0.device)
         target = torch.from_numpy(match.target_index).to(x0.device)
-        label = match.c if match.c is not None else None if c is None else c[target.to(c.device)]
-        return Pairs(x0[source], x1[target.to(x1.device)], label, source, target)
+        paired = x1[target.to(x1.device)] if match.x1 is None else match.x1
+        label = match.c
+        if label is None and c is not None:
+            label = c[target.to(c.device)]
+        return Pairs(x0[source], paired, label, source, target, match.weight)
 
     def stream(
         self,

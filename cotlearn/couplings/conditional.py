@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import torch
@@ -35,6 +37,8 @@ class ConditionalOT(Coupling):
         label: "target" (COT Policy, C2OT): the network is given the condition of x1, which keeps
             p(x1 | c) exact and skews the prior. "source" (Chemseddine's code): it is given c0,
             which keeps the prior exact and smears the data over nearby conditions.
+        condition: what the coupling sees of c, a function (n, k) -> (n, m): a fitted
+            `KMeansCondition`, for instance. The network is always given c itself.
         plan: as in `MinibatchOT`.
         sampling: as in `MinibatchOT`.
         regularization: as in `MinibatchOT`.
@@ -51,6 +55,7 @@ class ConditionalOT(Coupling):
         condition_weight: float | str = BALANCED,
         *,
         label: str = "target",
+        condition: Callable[[Tensor], Tensor] | None = None,
         plan: str = "exact",
         sampling: str = "permutation",
         regularization: float = 0.05,
@@ -61,32 +66,59 @@ class ConditionalOT(Coupling):
             condition_weight = check_number(condition_weight, "condition_weight", infinite=True)
         self.condition_weight = condition_weight
         self.label = check_choice(label, "label", LABELS)
-        self._solver = MinibatchOT(plan=plan, sampling=sampling, regularization=regularization)
+        if condition is not None and not callable(condition):
+            raise TypeError(f"condition must be a function of c, got {condition!r}")
+        self.condition = condition
+        self.solver = MinibatchOT(plan=plan, sampling=sampling, regularization=regularization)
 
-    def match(
-        self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator
-    ) -> Match:
+    @classmethod
+    def from_gamma(cls, gamma: float, **options: Any) -> ConditionalOT:
+        """COT Policy's g (2505.01179): w = gamma^2."""
+        return cls(check_number(gamma, "gamma", infinite=True) ** 2, **options)
+
+    @classmethod
+    def from_beta(cls, beta: float, **options: Any) -> ConditionalOT:
+        """Chemseddine's beta (2403.18705): w = beta^2."""
+        return cls(check_number(beta, "beta", infinite=True) ** 2, **options)
+
+    @classmethod
+    def from_epsilon(cls, epsilon: float, **options: Any) -> ConditionalOT:
+        """Kerrigan's epsilon (2404.04240): w = 1 / epsilon; 0 pairs within equal conditions."""
+        epsilon = check_number(epsilon, "epsilon")
+        return cls(1 / epsilon if epsilon else math.inf, **options)
+
+    def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Give the noise its conditions c0, then pair (x0, c0) with (x1, c)."""
         assert c is not None
         numbers = check_condition(c)
+        if self.condition is not None:
+            numbers = check_condition(self.condition(numbers), "condition(c)")
         own = rng.permutation(len(x0))  # c0 = c[own]
         sample_cost = squared_distances(x0, x1)
         if self.condition_weight == math.inf:
             match = self._within_classes(sample_cost, numbers, own, rng, dim=x0.shape[1])
         else:
-            condition_cost = squared_distances(numbers[torch.from_numpy(own)], numbers)
-            weight = self._weight(sample_cost, condition_cost)
+            condition_cost = self.condition_cost(numbers[torch.from_numpy(own)], numbers)
+            weight = self.weight(sample_cost, condition_cost, own)
             cost = sample_cost + weight * condition_cost
-            _warn_if_imprecise(sample_cost, cost, weight)
-            match = self._solver.pair(cost, rng, dim=x0.shape[1])
+            warn_if_imprecise(sample_cost, cost, weight)
+            match = self.solver.pair(cost, rng, dim=x0.shape[1])
         if self.label == "target":
             return match
         label = torch.from_numpy(own[match.source_index]).to(c.device)
         return match._replace(c=c[label])
 
-    def _weight(
-        self, sample_cost: NDArray[np.float64], condition_cost: NDArray[np.float64]
+    def condition_cost(self, c0: Tensor, c: Tensor) -> NDArray[np.float64]:
+        """What it costs to change condition: |c0_i - c_j|^2, shape (B, B)."""
+        return squared_distances(c0, c)
+
+    def weight(
+        self,
+        sample_cost: NDArray[np.float64],
+        condition_cost: NDArray[np.float64],
+        own: NDArray[np.int64],
     ) -> float:
+        """The condition weight of this batch, whose noise row i has the condition of row own[i]."""
         if not isinstance(self.condition_weight, str):
             return self.condition_weight
         spread = np.sqrt(condition_cost).mean()
@@ -109,7 +141,7 @@ class ConditionalOT(Coupling):
         sources, targets = [], []
         for k in range(classes.max() + 1):
             rows, columns = np.flatnonzero(classes[own] == k), np.flatnonzero(classes == k)
-            part = self._solver.pair(sample_cost[np.ix_(rows, columns)], rng, dim=dim)
+            part = self.solver.pair(sample_cost[np.ix_(rows, columns)], rng, dim=dim)
             sources.append(rows[part.source_index])
             targets.append(columns[part.target_index])
         source, target = np.concatenate(sources), np.concatenate(targets)
@@ -117,7 +149,7 @@ class ConditionalOT(Coupling):
         return Match(source[order], target[order])
 
 
-def _warn_if_imprecise(
+def warn_if_imprecise(
     sample_cost: NDArray[np.float64], cost: NDArray[np.float64], weight: float
 ) -> None:
     """Say so if rounding of the total cost is no longer small against the sample cost."""

@@ -16,9 +16,7 @@ class Independent(Coupling):
 
     name = "independent"
 
-    def match(
-        self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator
-    ) -> Match:
+    def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Row i meets row i."""
         rows = np.arange(len(x0))
         return Match(rows, rows)

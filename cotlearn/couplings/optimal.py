@@ -46,9 +46,7 @@ class MinibatchOT(Coupling):
         if self.regularization == 0:
             raise ValueError("regularization must be above 0; for 0 use plan='exact'")
 
-    def match(
-        self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator
-    ) -> Match:
+    def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Pair the batch by its plan."""
         return self.pair(squared_distances(x0, x1), rng, dim=x0.shape[1])
 

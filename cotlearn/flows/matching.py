@@ -13,7 +13,9 @@ from cotlearn.couplings.base import Pairs
 class Velocity(Protocol):
     """A velocity field: (t, x, c) -> (B, d), with t a number or of shape (B,)."""
 
-    def __call__(self, t: Tensor, x: Tensor, c: Tensor | None) -> Tensor: ...
+    def __call__(self, t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
+        """The velocity at (t, x) under condition c."""
+        ...
 
 
 class Loss(Protocol):
@@ -21,7 +23,9 @@ class Loss(Protocol):
 
     def __call__(
         self, network: torch.nn.Module, pairs: Pairs, generator: torch.Generator
-    ) -> Tensor: ...
+    ) -> Tensor:
+        """The loss of each row."""
+        ...
 
 
 def interpolate(x0: Tensor, x1: Tensor, t: Tensor) -> Tensor:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
+from collections.abc import Iterator
 
 import torch
 from torch import Tensor, nn
@@ -38,7 +40,7 @@ class VelocityMLP(nn.Module):
         with _seeded(seed):
             hidden = [
                 layer
-                for before, after in zip(sizes, sizes[1:], strict=False)
+                for before, after in itertools.pairwise(sizes)
                 for layer in (nn.Linear(before, after), nn.SiLU())
             ]
             self.layers = nn.Sequential(*hidden, nn.Linear(width, dim))
@@ -63,7 +65,7 @@ class VelocityMLP(nn.Module):
             inputs.append(self._check_condition(c, x))
         elif c is not None:
             raise ValueError("this network has condition_dim=0, but got c; pass c=None")
-        return self.layers(torch.cat(inputs, dim=1))  # type: ignore[no-any-return]
+        return self.layers(torch.cat(inputs, dim=1))
 
     def _check_condition(self, c: Tensor | None, x: Tensor) -> Tensor:
         if c is None:
@@ -76,7 +78,7 @@ class VelocityMLP(nn.Module):
 
 
 @contextlib.contextmanager
-def _seeded(seed: int | None):  # type: ignore[no-untyped-def]
+def _seeded(seed: int | None) -> Iterator[None]:
     """Draw from a seed of one's own, and leave the global randomness as it was."""
     if seed is None:
         yield

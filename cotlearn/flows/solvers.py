@@ -13,8 +13,14 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Source
 from cotlearn.flows.matching import Velocity
-from cotlearn.validation import check_choice, check_condition, check_count, check_matrix
-from cotlearn.validation import check_number, check_same_rows
+from cotlearn.validation import (
+    check_choice,
+    check_condition,
+    check_count,
+    check_matrix,
+    check_number,
+    check_same_rows,
+)
 
 METHODS = ("euler", "midpoint", "heun", "rk4", "dopri5")
 EVALUATIONS = {"euler": 1, "midpoint": 2, "heun": 2, "rk4": 4}  #: of one step
@@ -151,9 +157,7 @@ def _fixed(
     return torch.arange(steps + 1) / steps, states
 
 
-def _adaptive(
-    field: Field, x0: Tensor, rtol: float, atol: float
-) -> tuple[Tensor, list[Tensor]]:
+def _adaptive(field: Field, x0: Tensor, rtol: float, atol: float) -> tuple[Tensor, list[Tensor]]:
     def tensor(flat: Any) -> Tensor:
         return torch.as_tensor(flat, dtype=x0.dtype, device=x0.device).reshape(x0.shape)
 
@@ -171,7 +175,9 @@ def _adaptive(
 class ConditionalSampler(Protocol):
     """Draws one sample for each row of c: `sample(c, generator=g)` of shape (n, d)."""
 
-    def __call__(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor: ...
+    def __call__(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        """Draw the samples."""
+        ...
 
 
 def sampler(

@@ -182,7 +182,7 @@ def _gradient_step(state: _State, plan: _Plan, pairs: Any, loss: Loss) -> None:
     generator = generator_for(plan.seed, state.step, LOSS_RANDOMNESS)
     value = weighted_mean(loss(state.network, pairs, generator), pairs)
     state.optimizer.zero_grad(set_to_none=True)
-    value.backward()  # type: ignore[no-untyped-call]
+    value.backward()
     state.optimizer.step()
     state.unlogged.append(value.detach())
     _average(state, min(plan.ema, (1 + state.step) / (10 + state.step)))
