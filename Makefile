@@ -2,15 +2,16 @@
 PYTHON ?= python3
 ARGS ?=
 
-.PHONY: help lab test course clean
+.PHONY: help lab test course setup clean
 
 help:
 	@echo "make lab      open the course in JupyterLab (ARGS='--port 9999' for its options)"
 	@echo "make test     run lint, types, unit tests and every notebook"
 	@echo "make course   execute the notebooks in order; pages to read in build/course"
+	@echo "make setup    only set up"
 	@echo "make clean    remove the environment and all results"
 
-lab test course:
+lab test course setup:
 	@"$(PYTHON)" course.py $@ $(ARGS)
 
 clean:

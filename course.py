@@ -331,6 +331,7 @@ def stages(python: Path) -> list[Stage]:
     run = [str(python), "-m"]
     unit, notebooks = BUILD / "test" / "unit.xml", BUILD / "test" / "notebooks.xml"
     two_at_a_time = ["-n", "2", "--dist", "loadfile", "-q"]
+    nbval = ["--nbval-lax", "--nbval-current-env", f"--nbval-cell-timeout={CELL_TIMEOUT}"]
     return [
         Stage("lint", [*run, "ruff", "check", "."]),
         Stage("format", [*run, "ruff", "format", "--check", "."]),
@@ -339,9 +340,7 @@ def stages(python: Path) -> list[Stage]:
         Stage("unit tests", [*run, "pytest", *two_at_a_time, f"--junitxml={unit}"], unit),
         Stage(
             "notebooks",
-            [*run, "pytest", *two_at_a_time, f"--junitxml={notebooks}"]
-            + ["--nbval-lax", "--nbval-current-env", f"--nbval-cell-timeout={CELL_TIMEOUT}"]
-            + ["notebooks"],
+            [*run, "pytest", *two_at_a_time, f"--junitxml={notebooks}", *nbval, "notebooks"],
             notebooks,
         ),
     ]
