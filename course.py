@@ -197,8 +197,11 @@ def check_disk(free: float) -> None:
 
 def announce_download(torch_is_there: bool) -> None:
     """Says how much will be downloaded, and how to make it less."""
+    if torch_is_there:
+        say(f"Completing the environment in {VENV}.")
+        return
     say(f"Setting up in {VENV} (once; about {DOWNLOAD} GB to download, {DISK:.0f} GB on disk).")
-    if sys.platform == "linux" and not torch_is_there:
+    if sys.platform == "linux":
         python = shlex_quote(str(venv_python()))
         say(
             "Note: on Linux, the torch that pip finds by itself usually carries the CUDA\n"
@@ -254,7 +257,7 @@ def install(python: Path) -> None:
     command += ["--constraint", "constraints.txt", "--disable-pip-version-check"]
     if not sys.stdout.isatty():
         command += ["--quiet", "--quiet"]
-    say("Installing; this takes some minutes the first time ...")
+    say("Installing ...")
     if subprocess.call(command, cwd=str(ROOT), env=child_environment()) != 0:
         raise Problem(
             "The installation failed; the lines above say why. Is the network reachable, and is "
