@@ -1,0 +1,166 @@
+"""Model-aligned coupling (MAC): the model says which pairs are easy for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from cotlearn.couplings.assignment import exact_permutation, sinkhorn_plan
+from cotlearn.couplings.base import Coupling, Match, squared_distances, to_numpy
+from cotlearn.validation import check_choice, check_condition, check_count, check_number
+
+VARIANTS = ("weighted", "topk", "full")
+LIMIT = 64  #: rows of a "full" batch with continuous conditions: B^2 evaluations
+
+
+class ModelAligned(Coupling):
+    """Three algorithms that carry the name MAC (Lin 2505.23346), scored by the EMA network.
+
+    The error of a pair is |v(t, x_t, c) - (x1 - x0)|^2, averaged over t in {0, 1}.
+
+    - "weighted" (the authors' default): the batch's own random pairs; the share `fraction` with
+      the lowest error weighs 1 + boost, the others 1, normalised to mean 1.
+    - "topk" (the paper's abstract): only that share is trained on (the others weigh 0).
+    - "full": the B x B errors as cost, standardised, a Sinkhorn plan whose regularisation falls
+      from `regularization[0]` to `regularization[1]`, then the permutation with the largest sum
+      of plan entries. It pairs across conditions and so inherits naive OT's skew, unless
+      `condition_weight` w adds w |c_i - c_j|^2.
+
+    The selected share falls linearly from 1 to `fraction`, and the regularisation likewise, over
+    `warmup_steps` (authors: 20,000; take the same share of your training).
+
+    Args:
+        variant: "weighted", "topk" or "full".
+        fraction: in (0, 1] (authors: 0.4).
+        boost: lambda, at least 0 (authors: 0.5; images 1).
+        warmup_steps: at least 0.
+        regularization: first and last, both above 0, in units of the standard deviation of the
+            errors.
+        condition_weight: for "full", at least 0.
+
+    Raises:
+        ValueError: an option out of range; pairing before `observe` has shown a network; more than
+            64 rows with all different conditions in "full".
+    """
+
+    name = "aligned"
+    uses_network = True
+
+    def __init__(
+        self,
+        variant: str = "weighted",
+        *,
+        fraction: float = 0.4,
+        boost: float = 0.5,
+        warmup_steps: int = 1000,
+        regularization: tuple[float, float] = (2.0, 0.2),
+        condition_weight: float = 0.0,
+    ) -> None:
+        self.variant = check_choice(variant, "variant", VARIANTS)
+        if not 0 < fraction <= 1:
+            raise ValueError(f"fraction must be above 0 and at most 1, got {fraction}")
+        self.fraction = float(fraction)
+        self.boost = check_number(boost, "boost")
+        self.warmup_steps = check_count(warmup_steps, "warmup_steps", minimum=0)
+        first, last = (check_number(value, "regularization") for value in regularization)
+        if min(first, last) == 0:
+            raise ValueError(f"regularization must be above 0, got {regularization}")
+        self.regularization = (first, last)
+        self.condition_weight = check_number(condition_weight, "condition_weight")
+        if self.condition_weight and variant != "full":
+            raise ValueError("condition_weight is for variant 'full': the others pair i with i")
+        self._network: nn.Module | None = None
+        self._step = 0
+        self.evaluations = 0  #: rows of the network evaluated for the last batch
+
+    def observe(self, network: nn.Module, step: int) -> None:
+        """Score with `network` from now on; `step` drives the warm-up."""
+        self._network, self._step = network, step
+
+    def __repr__(self) -> str:
+        options = {k: v for k, v in vars(self).items() if k[0] != "_" and k != "evaluations"}
+        return f"ModelAligned({', '.join(f'{k}={v!r}' for k, v in options.items())})"
+
+    def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
+        """Weigh the batch's own pairs, or assign by the errors of all pairs."""
+        if self._network is None:
+            raise ValueError("no network yet: call observe(network, step) before pairing")
+        if self.condition_weight and c is None:
+            raise TypeError("condition_weight needs the conditions c, got None")
+        rows = np.arange(len(x0))
+        if self.variant == "full":
+            return Match(rows, self._assign(x0, x1, c))
+        errors = self.row_errors(x0, x1, c)
+        chosen = max(1, int(len(x0) * self._falling(1.0, self.fraction)))
+        order = errors.argsort()
+        weight = torch.full_like(errors, 0.0 if self.variant == "topk" else 1.0)
+        weight[order[:chosen]] = 1.0 if self.variant == "topk" else 1.0 + self.boost
+        return Match(rows, rows, weight=weight / weight.mean())
+
+    def row_errors(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> Tensor:
+        """The error of pair (x0_i, x1_i, c_i), shape (B,)."""
+        self.evaluations = 2 * len(x0)
+        target = x1 - x0
+        return sum(
+            (self._velocity(t, x, c) - target).square().sum(dim=1) / 2
+            for t, x in ((0.0, x0), (1.0, x1))
+        )  # type: ignore[return-value]
+
+    def errors(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> NDArray[np.float64]:
+        """The error of every pair (x0_i, x1_j, c_j), shape (B, B).
+
+        At t = 1 the network sees (x1_j, c_j), B rows. At t = 0 it sees (x0_i, c_j): once for each
+        distinct condition, at most B^2 rows.
+        """
+        distinct, label = _distinct(c, len(x0))
+        if len(distinct) > LIMIT:
+            raise ValueError(
+                f"variant 'full' would evaluate {len(x0)} x {len(distinct)} rows: use at most "
+                f"{LIMIT} rows in a batch (ot_batch_size) when all conditions differ"
+            )
+        self.evaluations = len(x0) * (1 + len(distinct))
+        # |v(0, x0_i, c_j) - (x1_j - x0_i)|^2 = |(x0_i + v(0, x0_i, c_j)) - x1_j|^2
+        start = np.empty((len(x0), len(x1)))
+        for k, row in enumerate(distinct):
+            columns = np.flatnonzero(label == k)
+            shared = None if c is None else row.expand(len(x0), -1)
+            landed = x0 + self._velocity(0.0, x0, shared)
+            start[:, columns] = squared_distances(landed, x1[torch.from_numpy(columns)])
+        # |v(1, x1_j, c_j) - (x1_j - x0_i)|^2 = |x0_i - (x1_j - v(1, x1_j, c_j))|^2
+        end = squared_distances(x0, x1 - self._velocity(1.0, x1, c))
+        both: NDArray[np.float64] = (start + end) / 2
+        return both
+
+    def _assign(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> NDArray[np.int64]:
+        cost = self.errors(x0, x1, c)
+        if self.condition_weight and c is not None:
+            numbers = check_condition(c)
+            cost = cost + self.condition_weight * squared_distances(numbers, numbers)
+        spread = cost.std()
+        if spread == 0:
+            return np.arange(len(cost))
+        cost = (cost - cost.min()) / spread
+        regularization = self._falling(*self.regularization) / cost.mean()
+        return exact_permutation(-sinkhorn_plan(cost, regularization=regularization))
+
+    def _velocity(self, t: float, x: Tensor, c: Tensor | None) -> Tensor:
+        assert self._network is not None
+        device = next(self._network.parameters(), x).device
+        moved = None if c is None else c.to(device)
+        time = torch.tensor(t, dtype=x.dtype, device=device)
+        velocity: Tensor = self._network(time, x.to(device), moved)
+        return velocity.to(x.device)
+
+    def _falling(self, first: float, last: float) -> float:
+        done = min(1.0, self._step / self.warmup_steps) if self.warmup_steps else 1.0
+        return first + (last - first) * done
+
+
+def _distinct(c: Tensor | None, rows: int) -> tuple[Tensor, NDArray[np.int64]]:
+    """The distinct conditions (m, k), and which of them each row has."""
+    if c is None:
+        return torch.empty(1, 0), np.zeros(rows, dtype=np.int64)
+    _, first, label = np.unique(to_numpy(c), axis=0, return_index=True, return_inverse=True)
+    return c[torch.from_numpy(first)], label.ravel()

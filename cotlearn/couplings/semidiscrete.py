@@ -1,0 +1,275 @@
+"""Conditional semidiscrete OT: the noise is continuous, the target is the whole data set."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cotlearn.couplings.base import (
+    Coupling,
+    Match,
+    Pairs,
+    Sampler,
+    Source,
+    draw_noise,
+    generator_for,
+)
+from cotlearn.couplings.conditions import KMeansCondition
+from cotlearn.progress import progress_bar
+from cotlearn.validation import check_condition, check_count, check_matrix, check_number
+
+
+class SemidiscreteOT(Coupling):
+    """Noise (x0, c0) meets row argmin_j |x0 - x1_j|^2 + w |c0 - c_j|^2 - phi_j of all the data.
+
+    The dual potential phi is fitted once, by averaged stochastic gradient ascent of the
+    semidiscrete dual (Genevay 1605.08527): a row that is chosen more often than 1/N gets dearer.
+    Pairing is then a search, and no batch limits the candidates. This project's own: semidiscrete
+    flow matching (2509.25519) has no condition term.
+
+    Args:
+        condition_weight: w, at least 0.
+        clusters: K; None for none. With clusters noise and data meet only within their condition
+            cluster (w still counts inside), and a search looks at N/K rows instead of N.
+        iterations: steps of the ascent, at least 1.
+        batch_size: noise rows of each step.
+        n_samples: rows drawn once as the data set where the data are an endless sampler.
+        seed: of the fit.
+
+    Attributes:
+        marginal_error: after the fit, the total variation distance in [0, 1] between how often the
+            rows are chosen and 1/N each, on fresh noise; `marginal_floor` is what as many draws
+            from the exact marginal show.
+
+    Raises:
+        TypeError: the data are endless and n_samples is None, or c is missing where needed.
+        ValueError: an option out of range.
+    """
+
+    name = "semidiscrete"
+
+    def __init__(
+        self,
+        condition_weight: float = 0.0,
+        *,
+        clusters: int | None = None,
+        iterations: int = 2000,
+        batch_size: int = 512,
+        n_samples: int | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.condition_weight = check_number(condition_weight, "condition_weight")
+        self.clusters = None if clusters is None else check_count(clusters, "clusters")
+        self.iterations = check_count(iterations, "iterations")
+        self.batch_size = check_count(batch_size, "batch_size")
+        self.n_samples = None if n_samples is None else check_count(n_samples, "n_samples")
+        self.seed = check_count(seed, "seed", minimum=0)
+        self._x1: Tensor | None = None
+        self._c: Tensor | None = None
+        self._label: Tensor | None = None
+        self._groups: list[Tensor] = []
+        self._phi: Tensor | None = None
+        self._errors = (math.nan, math.nan)
+
+    @property
+    def marginal_error(self) -> float:
+        """Total variation distance between chosen and wanted frequencies; NaN before the fit."""
+        return self._errors[0]
+
+    @property
+    def marginal_floor(self) -> float:
+        """What the same number of exact draws would show; NaN before the fit."""
+        return self._errors[1]
+
+    def __repr__(self) -> str:
+        names = ("condition_weight", "clusters", "iterations", "batch_size", "n_samples", "seed")
+        return f"SemidiscreteOT({', '.join(f'{n}={getattr(self, n)!r}' for n in names)})"
+
+    def fit(
+        self,
+        x1: Tensor,
+        c: Tensor | None = None,
+        *,
+        source: Source | None = None,
+        progress: bool | None = None,
+    ) -> SemidiscreteOT:
+        """Fit the potential on the data set x1 (N, d), c (N, k).
+
+        Args:
+            x1: the whole data set.
+            c: its conditions; needed unless w is 0 and there are no clusters.
+            source: draws the noise; standard normal if None.
+            progress: show a bar; None: in terminals and notebooks.
+        """
+        self._prepare(x1, c)
+        phi, average = torch.zeros(len(x1)), torch.zeros(len(x1))
+        scale = self._scale(source)
+        bar = progress_bar(total=self.iterations, what="potentials", show=progress)
+        with bar:
+            for step in range(self.iterations):
+                self._phi = phi
+                rng = generator_for(self.seed, step, purpose=4)
+                _, chosen = self._draw(self.batch_size, source, rng)
+                counts = torch.bincount(chosen, minlength=len(x1)).to(phi)
+                rate = scale * len(x1) / math.sqrt(len(x1) + step * self.batch_size)
+                phi = phi + rate * (1 / len(x1) - counts / self.batch_size)
+                share = 1 / (1 + max(0, step - self.iterations // 2))
+                average += share * (phi - average)  # the mean of the second half
+                bar.update()
+        self._phi = average
+        self._errors = self._marginal(source)
+        return self
+
+    def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
+        """Search the batch's own rows, to which the potential is fitted if it is not yet.
+
+        Row i of the noise has the condition of row i. Rows can be chosen more than once: use
+        `stream` with the whole data set for training.
+        """
+        if not self._is_fitted_to(x1, c):
+            self.fit(x1, c, progress=False)
+        rows = torch.arange(len(x0))
+        return Match(rows.numpy(), self._search(x0.to(self._data), rows).numpy())
+
+    def stream(
+        self,
+        data: Sampler,
+        *,
+        batch_size: int,
+        ot_batch_size: int | None = None,
+        source: Source | None = None,
+        generator: torch.Generator | None = None,
+        start: int = 0,
+    ) -> Iterator[Pairs]:
+        """Yield batches: fresh noise, with a condition drawn from the data, and what it meets.
+
+        Args:
+            data: finite (`.x1`, `.c` and `len`), or endless with n_samples.
+            batch_size: rows of each batch.
+            ot_batch_size: must be None or batch_size: every row is searched for by itself.
+            source: draws the noise; standard normal if None.
+            generator: its initial seed decides everything but the potential.
+            start: number of the first batch.
+        """
+        check_count(batch_size, "batch_size")
+        if ot_batch_size not in (None, batch_size):
+            raise ValueError(
+                f"ot_batch_size does not apply to {type(self).__name__}, got {ot_batch_size}"
+            )
+        x1, c = self._whole(data)
+        if not self._is_fitted_to(x1, c):
+            self.fit(x1, c, source=source)
+        seed = torch.initial_seed() if generator is None else generator.initial_seed()
+        number = check_count(start, "start", minimum=0)
+        while True:
+            x0, chosen = self._draw(batch_size, source, generator_for(seed, number))
+            label = None if c is None else c[chosen]
+            yield Pairs(x0.to(x1.dtype), x1[chosen], label, torch.arange(batch_size), chosen)
+            number += 1
+
+    @property
+    def _data(self) -> Tensor:
+        assert self._x1 is not None
+        return self._x1
+
+    def _prepare(self, x1: Tensor, c: Tensor | None) -> None:
+        check_matrix(x1, "x1")
+        if c is None and (self.condition_weight or self.clusters):
+            raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
+        self._x1 = x1.detach().to("cpu", torch.float32)
+        self._c = None if c is None else check_condition(c).detach().to("cpu", torch.float32)
+        self._label = torch.zeros(len(x1), dtype=torch.long)
+        if self.clusters is not None and self._c is not None:
+            self._label = (
+                KMeansCondition(self.clusters, seed=self.seed).fit(self._c).labels(self._c)
+            )
+        order = self._label.argsort(stable=True)
+        counts = torch.bincount(self._label)
+        self._groups = list(order.split(counts.tolist()))
+
+    def _whole(self, data: Any) -> tuple[Tensor, Tensor | None]:
+        if all(hasattr(data, name) for name in ("x1", "c", "__len__")):
+            return data.x1, data.c
+        if self.n_samples is None:
+            raise TypeError(
+                f"{type(self).__name__} looks at the whole data set, but these data are endless "
+                "(they have no x1, c and len): give n_samples=, the rows to draw"
+            )
+        rng = generator_for(self.seed, 0, purpose=3)
+        x1, c = data.sample(self.n_samples, generator=rng)
+        return x1, c
+
+    def _is_fitted_to(self, x1: Tensor, c: Tensor | None) -> bool:
+        if self._phi is None or self._x1 is None or self._x1.shape != x1.shape:
+            return False
+        same_c = (c is None) == (self._c is None)
+        if same_c and c is not None and self._c is not None:
+            same_c = torch.equal(self._c, check_condition(c).detach().to(self._c))
+        return same_c and torch.equal(self._x1, x1.detach().to(self._x1))
+
+    def _draw(self, n: int, source: Source | None, rng: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Fresh noise (n, d), each with the condition of a random row, and the rows it meets."""
+        own = torch.randint(len(self._data), (n,), generator=rng)
+        x0 = draw_noise(self._data[own], source, rng)
+        return x0, self._search(x0, own)
+
+    def _search(self, x0: Tensor, own: Tensor) -> Tensor:
+        """The row of the data that each (x0, c[own]) meets, (n,)."""
+        assert self._label is not None
+        assert self._phi is not None
+        chosen = torch.empty(len(x0), dtype=torch.long)
+        label = self._label[own]
+        for k in torch.unique(label):
+            rows, group = (label == k).nonzero()[:, 0], self._groups[int(k)]
+            parts = rows.split(max(1, 20_000_000 // len(group)))
+            for part in parts:
+                cost = torch.cdist(x0[part], self._data[group]).square()
+                if self.condition_weight and self._c is not None:
+                    distance = torch.cdist(self._c[own[part]], self._c[group]).square()
+                    cost = cost + self.condition_weight * distance
+                chosen[part] = group[(cost - self._phi[group]).argmin(dim=1)]
+        return chosen
+
+    def _scale(self, source: Source | None) -> float:
+        """The size of a potential: how costs differ between candidates, from a first look."""
+        rng = generator_for(self.seed, 0, purpose=5)
+        own = torch.randint(len(self._data), (256,), generator=rng)
+        x0 = draw_noise(self._data[own], source, rng)
+        return float(torch.cdist(x0, self._data[own]).square().std()) / math.sqrt(self.batch_size)
+
+    def _marginal(self, source: Source | None) -> tuple[float, float]:
+        """Total variation distance to the uniform marginal, and its floor for as many draws."""
+        n = len(self._data)
+        draws = 20 * n if n <= 20_000 else 400_000
+        rng = generator_for(self.seed, 0, purpose=6)
+        counts = torch.zeros(n)
+        for size in _sizes(draws, 4096):
+            counts += torch.bincount(self._draw(size, source, rng)[1], minlength=n)
+        exact = torch.bincount(torch.randint(n, (draws,), generator=rng), minlength=n)
+        error, floor = ((k / draws - 1 / n).abs().sum() / 2 for k in (counts, exact))
+        return float(error), float(floor)
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The potential, with which a resumed training need not fit again."""
+        if self._phi is None or self._x1 is None:
+            return {}
+        state = {"phi": self._phi, "x1": self._x1, "errors": torch.tensor(self._errors)}
+        return state if self._c is None else {**state, "c": self._c}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Take back what `state_dict` gave."""
+        if state:
+            self._prepare(state["x1"], state.get("c"))
+            self._phi = state["phi"]
+            error, floor = state["errors"].tolist()
+            self._errors = (error, floor)
+
+
+def _sizes(total: int, largest: int) -> Iterator[int]:
+    for done in range(0, total, largest):
+        yield min(largest, total - done)

@@ -1,0 +1,193 @@
+"""Stratified OT: one exact assignment per condition cluster and epoch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from cotlearn.couplings.assignment import exact_permutation
+from cotlearn.couplings.base import (
+    Coupling,
+    Match,
+    Pairs,
+    Sampler,
+    Source,
+    draw_noise,
+    generator_for,
+    squared_distances,
+)
+from cotlearn.couplings.conditions import KMeansCondition, PCAKMeansCondition
+from cotlearn.validation import check_condition, check_count
+
+Clusters = KMeansCondition | PCAKMeansCondition
+LARGEST_SOLVE = 4096  #: an exact assignment of so many rows takes seconds and 0.3 GB
+
+
+class StratifiedOT(Coupling):
+    """Fresh noise for the whole data set, split by condition cluster, one exact plan per cluster.
+
+    Each noise row chooses among the N/K rows of its cluster instead of the 1 + (B - 1)/K of a
+    minibatch, every row of the data is used once an epoch, and p(x0 | cluster) is exactly the
+    prior. Inside a cluster x0 still depends on c: finer clusters leave less of that, larger ones
+    straighten more. `docs`: this project's own form of conditional OT.
+
+    Args:
+        clusters: K clusters by k-means on the standardised conditions; a fitted or unfitted
+            `KMeansCondition` or `PCAKMeansCondition`; or None: one per distinct condition.
+        rows_per_solve: larger clusters are cut at random into parts of at most this many rows.
+        n_samples: rows of an epoch for endless samplers, drawn afresh each epoch.
+        seed: of k-means++.
+
+    Raises:
+        TypeError: the data are endless and n_samples is None, or there is no condition.
+        ValueError: more clusters than rows.
+    """
+
+    name = "stratified"
+    needs_condition = True
+
+    def __init__(
+        self,
+        clusters: int | Clusters | None = None,
+        *,
+        rows_per_solve: int = 1024,
+        n_samples: int | None = None,
+        seed: int = 0,
+    ) -> None:
+        if clusters is not None and not isinstance(clusters, Clusters):
+            clusters = KMeansCondition(check_count(clusters, "clusters"), seed=seed)
+        self.clusters = clusters
+        self.rows_per_solve = check_count(rows_per_solve, "rows_per_solve", minimum=2)
+        if self.rows_per_solve > LARGEST_SOLVE:
+            raise ValueError(f"rows_per_solve must be at most {LARGEST_SOLVE}: {rows_per_solve}")
+        self.n_samples = None if n_samples is None else check_count(n_samples, "n_samples")
+        self._labels: tuple[Tensor, NDArray[np.int64]] | None = None
+
+    def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
+        """Pair within the clusters of c; row i of the noise has the cluster of c_i."""
+        assert c is not None
+        label = self._label(check_condition(c))
+        target = np.empty(len(x0), dtype=np.int64)
+        for rows in self._solves(label, rng):
+            cost = squared_distances(x0[torch.from_numpy(rows)], x1[torch.from_numpy(rows)])
+            target[rows] = rows[exact_permutation(cost, dim=x0.shape[1])]
+        return Match(np.arange(len(x0)), target)
+
+    def stream(
+        self,
+        data: Sampler,
+        *,
+        batch_size: int,
+        ot_batch_size: int | None = None,
+        source: Source | None = None,
+        generator: torch.Generator | None = None,
+        start: int = 0,
+    ) -> Iterator[Pairs]:
+        """Yield batches of epochs that are paired whole; an incomplete last batch is left out.
+
+        Args:
+            data: finite (`.x1`, `.c` and `len`), or endless with n_samples.
+            batch_size: rows of each batch; where the data have fewer, epochs are put together.
+            ot_batch_size: must be None or batch_size: what is solved at once is the cluster.
+            source: draws the noise; standard normal if None.
+            generator: its initial seed decides everything.
+            start: number of the first batch.
+        """
+        check_count(batch_size, "batch_size")
+        if ot_batch_size not in (None, batch_size):
+            raise ValueError(
+                f"ot_batch_size does not apply to {type(self).__name__}, got {ot_batch_size}: it "
+                "solves whole clusters of at most rows_per_solve rows"
+            )
+        size = self._size(data)
+        epochs = -(-batch_size // size)  # more than one only where the data are small
+        batches = epochs * size // batch_size
+        seed = torch.initial_seed() if generator is None else generator.initial_seed()
+        self._fit(data, seed)
+        number, first = divmod(check_count(start, "start", minimum=0), batches)
+        while True:
+            parts = [
+                self._epoch(data, source, generator_for(seed, number * epochs + k))
+                for k in range(epochs)
+            ]
+            rng = generator_for(seed, number, purpose=2)
+            order = torch.randperm(epochs * size, generator=rng)
+            joined = parts[0] if epochs == 1 else _concatenate(parts)
+            for k in range(first, batches):
+                rows = order[k * batch_size : (k + 1) * batch_size]
+                yield joined.map(lambda value, rows=rows: value[rows])  # type: ignore[misc]
+            number, first = number + 1, 0
+
+    def _epoch(self, data: Any, source: Source | None, rng: torch.Generator) -> Pairs:
+        """Fresh noise for every row of the data, paired."""
+        x1, c = data.sample(self.n_samples, generator=rng) if self.n_samples else (data.x1, data.c)
+        return self(draw_noise(x1, source, rng), x1, c, generator=rng)
+
+    def _size(self, data: Any) -> int:
+        if self.n_samples is not None:
+            return self.n_samples
+        if not all(hasattr(data, name) for name in ("x1", "c", "__len__")):
+            raise TypeError(
+                f"{type(self).__name__} pairs whole epochs, but these data are endless (they have "
+                "no x1, c and len): give n_samples=, the rows of an epoch"
+            )
+        return len(data)
+
+    def _fit(self, data: Any, seed: int) -> None:
+        """Fit the clusters on the training conditions, unless they are fitted."""
+        if self.clusters is None or self.clusters.state_dict():
+            return
+        if self.n_samples is None:
+            c = data.c
+        else:
+            _, c = data.sample(self.n_samples, generator=generator_for(seed, 0, purpose=3))
+        if c is None:
+            raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
+        self.clusters.fit(c)
+
+    def _label(self, c: Tensor) -> NDArray[np.int64]:
+        if self._labels is not None and self._labels[0] is c:
+            return self._labels[1]  # the same data set, epoch after epoch
+        if self.clusters is None:
+            label = torch.unique(c, dim=0, return_inverse=True)[1]
+        else:
+            if not self.clusters.state_dict():
+                self.clusters.fit(c)
+            label = self.clusters.labels(c)
+        numbers: NDArray[np.int64] = label.cpu().numpy().astype(np.int64)
+        self._labels = (c, numbers)
+        return numbers
+
+    def _solves(
+        self, label: NDArray[np.int64], rng: np.random.Generator
+    ) -> Iterator[NDArray[np.int64]]:
+        """The rows of each assignment: clusters, the large ones cut up evenly at random."""
+        shuffled = rng.permutation(len(label))
+        by_label = shuffled[np.argsort(label[shuffled], kind="stable")]
+        ends = np.flatnonzero(np.diff(label[by_label])) + 1
+        for rows in np.split(by_label, ends):
+            yield from np.array_split(rows, -(-len(rows) // self.rows_per_solve))
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The fitted clusters."""
+        return {} if self.clusters is None else self.clusters.state_dict()
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Take back what `state_dict` gave."""
+        if self.clusters is not None and state:
+            self.clusters.load_state_dict(state)
+
+
+def _concatenate(parts: list[Pairs]) -> Pairs:
+    """Several Pairs as one."""
+
+    def joined(name: str) -> Any:
+        values = [getattr(part, name) for part in parts]
+        return None if values[0] is None else torch.cat(values)
+
+    return Pairs(*(joined(n) for n in ("x0", "x1", "c", "source_index", "target_index", "weight")))
