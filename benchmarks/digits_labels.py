@@ -35,8 +35,8 @@ from cotlearn.storage import atomic_path
 
 NFE = (1, 2, 4, 8, 16, 32, 64)
 SETTINGS = {  # the first is what notebook 03 repeats live
-    "short": {"width": 128, "steps": 3000, "batch_size": 256},
-    "long": {"width": 256, "steps": 10_000, "batch_size": 256},
+    "short": {"width": 128, "steps": 2000, "batch_size": 256},
+    "long": {"width": 256, "steps": 6000, "batch_size": 256},
 }
 DRAWS = 10  # sets of generated images that a score is averaged over
 METRICS = {"energy_distance": energy_distance, "squared_w2": squared_w2}
@@ -60,6 +60,7 @@ def score(sample: Callable[..., torch.Tensor], held_out: Dataset, seed: int) -> 
 def row(coupling: Any, setting: dict[str, int], seed: int) -> dict[str, Any]:
     """Train one network and score it at every NFE."""
     train, held_out = digits("train"), digits("test")
+    started = time.process_time()
     start = VelocityMLP(64, 10, width=setting["width"], seed=seed)
     result = fit(
         start,
@@ -69,11 +70,12 @@ def row(coupling: Any, setting: dict[str, int], seed: int) -> dict[str, Any]:
         batch_size=setting["batch_size"],
         seed=seed,
     )
+    trained = time.process_time()
     scores = [score(sampler(result.network, nfe=nfe), held_out, seed=seed) for nfe in NFE]
     return {
         "coupling": coupling.name,
         "seed": seed,
-        "training_seconds": round(float(result.history["seconds"][-1]), 1),
+        "training_cpu_seconds": round(trained - started, 1),
         **{name: [s[name] for s in scores] for name in METRICS},  # (NFE, class)
     }
 
@@ -97,7 +99,6 @@ def main() -> None:
     )
     options = parser.parse_args()
     torch.set_num_threads(1)
-    started = time.perf_counter()
     tables = {}
     for name, setting in SETTINGS.items():
         seeds = options.seeds if name == "short" else options.long_seeds
@@ -121,7 +122,7 @@ def main() -> None:
             **{n: importlib.metadata.version(n) for n in ("torch", "numpy", "POT", "lapx")},
         },
         "machine": f"one of {os.cpu_count()} CPU cores of a shared server, {platform.machine()}",
-        "seconds": round(time.perf_counter() - started),
+        "cpu_seconds": round(time.process_time()),
     }
     write(options.output, document)
 
