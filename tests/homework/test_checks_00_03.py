@@ -1,0 +1,99 @@
+"""The mistakes that learners make in notebooks 00 and 03 get a sentence that helps."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from scipy.optimize import linear_sum_assignment
+
+from cotlearn.homework import Verdict, check
+from cotlearn.mixtures import petals
+
+
+def columns(x0, x1):
+    return linear_sum_assignment(torch.cdist(x0, x1) ** 2)[1]
+
+
+def labels_stay(x0, x1, c):
+    return x1[columns(x0, x1)], c
+
+
+def inverse(x0, x1, c):
+    order = columns(x0, x1).argsort()
+    return x1[order], c[order]
+
+
+def row_by_row(x0, x1, c):
+    nearest = torch.cdist(x0, x1).argmin(dim=1)
+    return x1[nearest], c[nearest]
+
+
+def in_place(x0, x1, c):
+    order = columns(x0, x1)
+    x1[:], c[:] = x1[order].clone(), c[order].clone()
+    return x1, c
+
+
+def first_petal(c, generator=None):
+    return petals().sample_given(torch.eye(4)[:1].expand(len(c), -1), generator=generator)
+
+
+ALL_RIGHT = {"shape": (256, 6), "gradient": 12, "best_constant": 0, "mean": 2, "euler": 0.25}
+WRONG = [
+    ("00.self_test", {**ALL_RIGHT, "mean": 4}, "mean"),
+    ("00.self_test", {**ALL_RIGHT, "shape": (512, 4)}, "shape"),
+    ("00.self_test", {**ALL_RIGHT, "euler": ...}, "4 of 5"),
+    ("00.self_test", {**ALL_RIGHT, "gradient": "twelve"}, "gradient"),
+    ("00.self_test", [1, 2], "dict"),
+    ("00.perfect_one_step", 1.44, "variance"),
+    ("00.perfect_one_step", 1.2, "squared"),
+    ("00.perfect_one_step", "1.565 or so", "number"),
+    ("00.perfect_one_step", 7.0, "squared distance"),
+    ("00.deaf_sampler", lambda c, generator=None: petals().sample_given(c, generator), "listen"),
+    ("00.deaf_sampler", lambda c, generator=None: petals().sample(len(c))[0], "seed"),
+    ("00.deaf_sampler", lambda c, generator=None: petals().sample(len(c), generator), "tuple"),
+    ("00.deaf_sampler", first_petal, "four petals"),
+    ("00.deaf_sampler", 3, "function"),
+    ("03.labels_follow", labels_stay, "labels stayed"),
+    ("03.labels_follow", inverse, "inverse"),
+    ("03.labels_follow", row_by_row, "smallest total"),
+    ("03.labels_follow", in_place, "changed its inputs"),
+    ("03.labels_follow", lambda x0, x1, c: x1, "two tensors"),
+    ("03.labels_follow", lambda x0, x1, c: (x1[:3], c), "shape"),
+    (
+        "03.augmented_cost",
+        lambda x0, c0, x1, c, w: torch.cdist(x0, x1) + w * torch.cdist(c0, c),
+        "squared",
+    ),
+    (
+        "03.augmented_cost",
+        lambda x0, c0, x1, c, w: torch.cdist(x0, x1) ** 2 + w**2 * torch.cdist(c0, c) ** 2,
+        "not w squared",
+    ),
+    (
+        "03.augmented_cost",
+        lambda x0, c0, x1, c, w: (torch.cdist(x0, x1) ** 2 + w * torch.cdist(c0, c) ** 2).T,
+        "rows belong",
+    ),
+    ("03.augmented_cost", lambda x0, c0, x1, c, w: torch.zeros(5), "shape"),
+    ("03.skew", lambda r, v: float(r @ r) / v, "covariance"),
+    ("03.skew", lambda r, v: (math.sqrt(1 - float(r @ r) / v) - 1) ** 2, "mean"),
+    ("03.skew", lambda r, v: 2 - 2 * math.sqrt(1 - min(float(r @ r), 1.0)), "divide"),
+    ("03.skew", lambda r, v: r, "one number"),
+]
+
+
+@pytest.mark.parametrize(("name", "answer", "hint"), WRONG)
+def test_a_mistake_gets_a_hint(name, answer, hint, capsys):
+    assert check(answer, name) is Verdict.NOT_YET
+    assert hint in capsys.readouterr().out
+
+
+def test_dots_are_not_attempted():
+    assert check(dict.fromkeys(ALL_RIGHT, ...), "00.self_test") is Verdict.NOT_ATTEMPTED
+
+
+def test_the_whole_self_test_is_right():
+    assert check(ALL_RIGHT, "00.self_test") is Verdict.CORRECT
