@@ -81,6 +81,7 @@ class Coupling:
 
     name: ClassVar[str] = "coupling"
     uses_network: ClassVar[bool] = False
+    solves: ClassVar[bool] = True  #: pairing takes long enough to be done in the background
     needs_condition: ClassVar[bool] = False
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:

@@ -15,6 +15,7 @@ class Independent(Coupling):
     """
 
     name = "independent"
+    solves = False
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Row i meets row i."""

@@ -116,10 +116,10 @@ class SemidiscreteOT(Coupling):
                 rng = generator_for(self.seed, step, purpose=4)
                 _, chosen = self._draw(self.batch_size, source, rng)
                 counts = torch.bincount(chosen, minlength=len(x1)).to(phi)
-                rate = scale * len(x1) / math.sqrt(len(x1) + step * self.batch_size)
+                rate = scale * (1 - step / self.iterations)
                 phi = phi + rate * (1 / len(x1) - counts / self.batch_size)
-                share = 1 / (1 + max(0, step - self.iterations // 2))
-                average += share * (phi - average)  # the mean of the second half
+                share = 1 / (1 + max(0, step - int(0.9 * self.iterations)))
+                average += share * (phi - average)  # the mean of the last tenth
                 bar.update()
         self._phi = average
         self._errors = self._marginal(source)
@@ -228,19 +228,31 @@ class SemidiscreteOT(Coupling):
             rows, group = (label == k).nonzero()[:, 0], self._groups[int(k)]
             parts = rows.split(max(1, 20_000_000 // len(group)))
             for part in parts:
-                cost = torch.cdist(x0[part], self._data[group]).square()
-                if self.condition_weight and self._c is not None:
-                    distance = torch.cdist(self._c[own[part]], self._c[group]).square()
-                    cost = cost + self.condition_weight * distance
-                chosen[part] = group[(cost - self._phi[group]).argmin(dim=1)]
+                # |f - F_j|^2 - phi_j without |f|^2, which is the same for every j
+                queries = self._features(x0[part], own[part])
+                points = self._features(self._data[group], group)
+                height = points.square().sum(dim=1) - self._phi[group]
+                chosen[part] = group[torch.addmm(height, queries, points.T, alpha=-2).argmin(1)]
         return chosen
 
+    def _features(self, x: Tensor, own: Tensor) -> Tensor:
+        """(x, sqrt(w) c), whose squared distance is the cost; float64, so that w may be large."""
+        if not self.condition_weight or self._c is None:
+            return x.double()
+        scaled = math.sqrt(self.condition_weight) * (self._c[own] - self._c.mean(dim=0)).double()
+        return torch.cat([x.double(), scaled], dim=1)
+
     def _scale(self, source: Source | None) -> float:
-        """The size of a potential: how costs differ between candidates, from a first look."""
+        """The first step size, from how much costs differ between candidates.
+
+        A fortieth to a tenth of the costs' standard deviation times sqrt(N) left the smallest
+        marginal errors on the petals, on digits and on mixtures in 16 dimensions.
+        """
         rng = generator_for(self.seed, 0, purpose=5)
         own = torch.randint(len(self._data), (256,), generator=rng)
         x0 = draw_noise(self._data[own], source, rng)
-        return float(torch.cdist(x0, self._data[own]).square().std()) / math.sqrt(self.batch_size)
+        spread = float(torch.cdist(x0, self._data[own]).square().std())
+        return 0.05 * spread * math.sqrt(len(self._data) * len(self._groups))
 
     def _marginal(self, source: Source | None) -> tuple[float, float]:
         """Total variation distance to the uniform marginal, and its floor for as many draws."""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from cotlearn.couplings.base import Coupling, Sampler, Source, generator_for
+from cotlearn.flows.ahead import running_ahead
 from cotlearn.flows.matching import Loss, conditional_flow_matching_loss, weighted_mean
 from cotlearn.progress import progress_bar
 from cotlearn.storage import load_tensors, save_tensors
@@ -98,7 +99,8 @@ def fit(
 
     The network that is passed in stays as it is, so that several couplings can start from the same
     weights. All randomness derives from (seed, step): the same call gives the same numbers on one
-    machine, interrupted or not.
+    machine, interrupted or not. Pairs are prepared in the background while the network trains,
+    unless the coupling looks at the network.
 
     Args:
         network: any module that `loss` can call; with the default loss network(t, x, c) -> (B, d).
@@ -150,11 +152,13 @@ def fit(
         start=state.step,
     )
     bar = progress_bar(total=steps, initial=state.step, what=coupling.name, show=progress)
-    with bar, _interrupt_between_steps() as interrupted:
+    ahead = coupling.solves and not coupling.uses_network
+    batches: Any = running_ahead(stream) if ahead else stream
+    with bar, contextlib.closing(batches), _interrupt_between_steps() as interrupted:
         while state.step < steps:
             started = time.perf_counter()
             coupling.observe(state.averaged, state.step)
-            pairs = next(stream).map(lambda value: value.to(device))
+            pairs = next(batches).map(lambda value: value.to(device))
             _gradient_step(state, plan, pairs, loss)
             state.step += 1
             state.seconds += time.perf_counter() - started
