@@ -170,6 +170,15 @@ class Coupling:
                 yield pairs.map(lambda value, rows=rows: value[rows])  # type: ignore[misc]
             number, part = number + 1, 0
 
+    def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
+        """How many rows of the data a noise row can choose from, on average, in such a batch.
+
+        The straightening of any coupling is limited by this number; it is 1 where rows pair with
+        themselves. Where conditions have a price, rows count whose condition costs no more than
+        an average sample distance: 1 + (B - 1)/K for K balanced labels and a large weight.
+        """
+        return 1.0
+
     def observe(self, network: torch.nn.Module, step: int) -> None:
         """See the current (EMA) network before `step`; most couplings do not look."""
 

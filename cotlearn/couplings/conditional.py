@@ -108,6 +108,18 @@ class ConditionalOT(Coupling):
         label = torch.from_numpy(own[match.source_index]).to(c.device)
         return match._replace(c=c[label])
 
+    def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
+        """Rows whose condition costs no more than an average sample distance."""
+        assert c is not None
+        numbers = check_condition(c)
+        if self.condition is not None:
+            numbers = check_condition(self.condition(numbers), "condition(c)")
+        cost, sample_cost = self.condition_cost(numbers, numbers), squared_distances(x0, x1)
+        if self.condition_weight == math.inf:
+            return float((cost == 0).sum(axis=1).mean())
+        weight = self.weight(sample_cost, cost, np.arange(len(cost)))
+        return float((weight * cost <= sample_cost.mean()).sum(axis=1).mean())
+
     def condition_cost(self, c0: Tensor, c: Tensor) -> NDArray[np.float64]:
         """What it costs to change condition: |c0_i - c_j|^2, shape (B, B)."""
         return squared_distances(c0, c)

@@ -50,6 +50,10 @@ class MinibatchOT(Coupling):
         """Pair the batch by its plan."""
         return self.pair(squared_distances(x0, x1), rng, dim=x0.shape[1])
 
+    def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
+        """All rows of the batch."""
+        return float(len(x1))
+
     def pair(
         self, cost: NDArray[np.float64], rng: np.random.Generator, *, dim: int | None = None
     ) -> Match:

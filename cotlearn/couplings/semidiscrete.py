@@ -18,6 +18,7 @@ from cotlearn.couplings.base import (
     Source,
     draw_noise,
     generator_for,
+    squared_distances,
 )
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.progress import progress_bar
@@ -124,6 +125,19 @@ class SemidiscreteOT(Coupling):
         self._phi = average
         self._errors = self._marginal(source)
         return self
+
+    def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
+        """Rows of the cluster in all the data, with a weight those of near conditions only."""
+        if self._x1 is None:
+            return 1.0
+        sizes = torch.tensor([float(len(group)) for group in self._groups])
+        number = float((sizes**2).sum() / sizes.sum())
+        if not self.condition_weight or self._c is None:
+            return number
+        rows = torch.randperm(len(self._x1), generator=generator_for(self.seed, 0, purpose=9))[:512]
+        cost = self.condition_weight * squared_distances(self._c[rows], self._c[rows])
+        near = cost <= squared_distances(x0, x1).mean()
+        return float(number * near.mean())
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Search the batch's own rows, to which the potential is fitted if it is not yet.

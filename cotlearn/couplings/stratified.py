@@ -78,6 +78,15 @@ class StratifiedOT(Coupling):
             target[rows] = rows[exact_permutation(cost, dim=x0.shape[1])]
         return Match(np.arange(len(x0)), target)
 
+    def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
+        """Rows of the cluster, or of its part that is solved at once, in the last epoch paired."""
+        if self._labels is None:
+            return 1.0
+        sizes = np.bincount(self._labels[1])
+        sizes = sizes[sizes > 0]
+        solved = sizes / np.ceil(sizes / self.rows_per_solve)
+        return float((sizes * solved).sum() / sizes.sum())
+
     def stream(
         self,
         data: Sampler,

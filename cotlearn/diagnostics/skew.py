@@ -1,4 +1,4 @@
-"""Diagnostics of a coupling, computed from pairs before any network is trained."""
+"""Prior skew: does the noise of training depend on the condition?"""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def prior_skew(
     check_count(neighbours, "neighbours")
     if neighbours >= half:
         raise ValueError(f"neighbours must be below half the rows, {half}; got {neighbours}")
-    noise, condition = _unit(to_numpy(x0)[rows]), _unit(to_numpy(c)[rows])
+    noise, condition = unit_variance(to_numpy(x0)[rows]), unit_variance(to_numpy(c)[rows])
     condition[half:] = rng.permutation(condition[half:])
     shuffled = np.arange(len(rows)) >= half
     nearest = NearestNeighbors(n_neighbors=neighbours).fit(np.hstack([noise, condition]))
@@ -94,9 +94,11 @@ def prior_skew(
     return PriorSkew(statistic, p_value, p_value <= significance)
 
 
-def _unit(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Columns scaled so that the rows' squared distances are 2 on average."""
-    std = values.std(axis=0)
+def unit_variance(
+    values: NDArray[np.float64], reference: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Columns scaled so that the squared distances of the reference's rows are 2 on average."""
+    std = (values if reference is None else reference).std(axis=0)
     varying = std > 0
     if not varying.any():
         return np.zeros_like(values)

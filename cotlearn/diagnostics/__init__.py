@@ -1,0 +1,28 @@
+"""Diagnostics: what a coupling will do to a conditional flow, mostly before any training."""
+
+from cotlearn.diagnostics.after_training import (
+    DeploymentGap,
+    ErrorBudget,
+    deployment_gap,
+    error_budget,
+)
+from cotlearn.diagnostics.frontier import Frontier, FrontierPoint, frontier
+from cotlearn.diagnostics.recommendation import Recommendation, recommend
+from cotlearn.diagnostics.skew import PriorSkew, prior_skew
+from cotlearn.diagnostics.spread import BetweenWithin, between_within
+
+__all__ = [
+    "BetweenWithin",
+    "DeploymentGap",
+    "ErrorBudget",
+    "Frontier",
+    "FrontierPoint",
+    "PriorSkew",
+    "Recommendation",
+    "between_within",
+    "deployment_gap",
+    "error_budget",
+    "frontier",
+    "prior_skew",
+    "recommend",
+]

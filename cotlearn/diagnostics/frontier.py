@@ -1,0 +1,230 @@
+"""The frontier: skew against one-step variance of a coupling, without training a network."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from sklearn.neighbors import NearestNeighbors
+from torch import Tensor
+
+from cotlearn.couplings.base import Coupling, Pairs, generator_for, squared_distances, to_numpy
+from cotlearn.datasets import Dataset
+from cotlearn.diagnostics.skew import PriorSkew, prior_skew, unit_variance
+from cotlearn.diagnostics.spread import local_variance
+from cotlearn.metrics import squared_w2
+from cotlearn.progress import progress_bar
+from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class FrontierPoint:
+    """One coupling on the frontier.
+
+    Attributes:
+        name: the key it was given.
+        coupling: `Coupling.name`, for its colour.
+        skew: statistic of `prior_skew`: 0 for none.
+        skew_interval: 95 % bootstrap interval over repetitions.
+        flagged: the skew is significant.
+        one_step_variance: E tr Var(x1 | x0, c), by nearest neighbours.
+        one_step_variance_interval: 95 % bootstrap interval over rows.
+        one_step_error: squared W2 (jointly with c) between E[x1 | x0, c], estimated by nearest
+            neighbours at fresh x0, and held-out data: what a one-step model can be expected to do.
+        candidates: data rows that a noise row can choose from (see `Coupling.candidates`).
+        transport_cost: E |x1 - x0|^2.
+        seconds: to make 1,000 pairs.
+    """
+
+    name: str
+    coupling: str
+    skew: float
+    skew_interval: Interval
+    flagged: bool
+    one_step_variance: float
+    one_step_variance_interval: Interval
+    one_step_error: float
+    candidates: float
+    transport_cost: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Frontier:
+    """The points of all couplings, in the order they were given."""
+
+    points: tuple[FrontierPoint, ...]
+
+    def __iter__(self) -> Iterator[FrontierPoint]:
+        return iter(self.points)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, name: str) -> FrontierPoint:
+        for point in self.points:
+            if point.name == name:
+                return point
+        raise KeyError(f"no coupling {name!r}; there are {[p.name for p in self.points]}")
+
+
+def frontier(
+    x1: Tensor,
+    c: Tensor,
+    couplings: Mapping[str, Coupling],
+    *,
+    batch_size: int = 256,
+    rows: int = 4096,
+    neighbours: int = 10,
+    repetitions: int = 3,
+    seed: int = 0,
+    progress: bool | None = None,
+) -> Frontier:
+    """Where each coupling stands between skew and one-step variance, before any training.
+
+    Independent pairs have no skew and the largest one-step variance; naive OT the reverse; a
+    conditional coupling trades one for the other by its weight, and more candidates bring the
+    trade-off closer to the origin.
+
+    Args:
+        x1: (N, d) the training data, N at least 200.
+        c: (N, k) their conditions.
+        couplings: name -> coupling.
+        batch_size: rows of the OT batch, for those that pair batches.
+        rows: pairs that are looked at.
+        neighbours: of the estimates of E[x1 | x0, c] and of its variance.
+        repetitions: independent draws of pairs behind the skew and its interval, at least 2.
+        seed: of everything.
+        progress: show a bar; None: in terminals and notebooks.
+    """
+    check_matrix(x1, "x1")
+    c = check_condition(c)
+    check_same_rows(c, "c", x1, "x1")
+    if len(x1) < 200:
+        raise ValueError(f"x1 needs at least 200 rows for a frontier, got {len(x1)}")
+    if not couplings:
+        raise ValueError("couplings is empty: give at least one name and coupling")
+    for name, value in (("rows", rows), ("neighbours", neighbours), ("batch_size", batch_size)):
+        check_count(value, name, minimum=2)
+    check_count(repetitions, "repetitions", minimum=2)
+    held_out = torch.randperm(len(x1), generator=generator_for(seed, 0)) < len(x1) // 4
+    train = Dataset(x1[~held_out], c[~held_out])
+    test = Dataset(x1[held_out], c[held_out])
+    points = []
+    with progress_bar(total=len(couplings), what="frontier", show=progress) as bar:
+        for name, coupling in couplings.items():
+            draws: list[Pairs] = []
+            seconds = 0.0
+            for repetition in range(repetitions):
+                pairs, took = _draw(coupling, train, batch_size, rows, seed + repetition)
+                draws.append(pairs)
+                seconds += took
+            per_1000 = 1000 * seconds / sum(len(pairs) for pairs in draws)
+            batch = draws[0].map(lambda value: value[:batch_size])
+            candidates = coupling.candidates(batch.x0, batch.x1, batch.c)
+            points.append(
+                _point(name, coupling, draws, test, per_1000, candidates, neighbours, seed)
+            )
+            bar.update()
+    return Frontier(tuple(points))
+
+
+def _draw(
+    coupling: Coupling, data: Dataset, batch_size: int, rows: int, seed: int
+) -> tuple[Pairs, float]:
+    """About `rows` pairs in whole batches, and the seconds they took."""
+    batch_size = min(batch_size, len(data))
+    stream = coupling.stream(
+        data, batch_size=batch_size, generator=torch.Generator().manual_seed(seed)
+    )
+    next(stream)  # fits clusters and potentials, once
+    started = time.perf_counter()
+    parts = [next(stream) for _ in range(max(1, math.ceil(rows / batch_size)))]
+    took = time.perf_counter() - started
+    return Pairs(*(torch.cat([getattr(p, n) for p in parts]) for n in _COLUMNS)), took
+
+
+_COLUMNS = ("x0", "x1", "c", "source_index", "target_index")
+
+
+def _point(
+    name: str,
+    coupling: Coupling,
+    draws: list[Pairs],
+    test: Dataset,
+    seconds: float,
+    candidates: float,
+    neighbours: int,
+    seed: int,
+) -> FrontierPoint:
+    skews: list[PriorSkew] = []
+    for number, pairs in enumerate(draws):
+        assert pairs.c is not None
+        rng = generator_for(seed, number, purpose=7)
+        skews.append(prior_skew(pairs.x0, pairs.c, generator=rng))
+    statistics = np.array([skew.statistic for skew in skews])
+    spread = statistics.std(ddof=1) / math.sqrt(len(statistics))
+    pairs = draws[0]
+    assert pairs.c is not None
+    places = _places(pairs, pairs.x0, pairs.c)
+    variance = local_variance(places, to_numpy(pairs.x1), neighbours)
+    means = np.random.default_rng(seed).choice(variance, size=(500, len(variance))).mean(axis=1)
+    low, high = np.quantile(means, [0.025, 0.975])
+    p_values = [skew.p_value for skew in skews]
+    middle = float(statistics.mean())
+    return FrontierPoint(
+        name=name,
+        coupling=coupling.name,
+        skew=middle,
+        skew_interval=(middle - 1.96 * spread, middle + 1.96 * spread),
+        flagged=float(np.median(p_values)) <= 0.01,
+        one_step_variance=float(variance.mean()),
+        one_step_variance_interval=(float(low), float(high)),
+        one_step_error=float(np.mean([one_step_error(p, test, neighbours, seed) for p in draws])),
+        candidates=candidates,
+        transport_cost=float((pairs.x1 - pairs.x0).square().sum(dim=1).mean()),
+        seconds=seconds,
+    )
+
+
+def _places(pairs: Pairs, x0: Tensor, c: Tensor) -> NDArray[np.float64]:
+    """Rows (x0, c), noise and condition scaled to the same variance among the pairs."""
+    assert pairs.c is not None
+    noise = unit_variance(to_numpy(x0), to_numpy(pairs.x0))
+    return np.hstack([noise, unit_variance(to_numpy(c), to_numpy(pairs.c))])
+
+
+def one_step_error(pairs: Pairs, test: Dataset, neighbours: int = 10, seed: int = 0) -> float:
+    """Squared W2 between E[x1 | x0, c] at fresh noise and held-out x1, jointly with c.
+
+    The conditional mean is what a one-step model learns; it is estimated by the mean over the
+    nearest pairs. At fresh noise a skewed coupling has no near pairs, and pays for it. Conditions
+    count in the distance with a weight so large that samples hardly leave theirs.
+    """
+    assert pairs.c is not None
+    assert test.c is not None
+    rng = generator_for(seed, 0, purpose=8)
+    rows = torch.randperm(len(test), generator=rng)[:1000]
+    c = test.c[rows]
+    x0 = pairs.x0[torch.randperm(len(pairs), generator=rng)[: len(rows)]]
+    c, rows = c[: len(x0)], rows[: len(x0)]
+    near = NearestNeighbors(n_neighbors=neighbours).fit(_places(pairs, pairs.x0, pairs.c))
+    index = near.kneighbors(_places(pairs, x0, c), return_distance=False)
+    mean = torch.from_numpy(to_numpy(pairs.x1)[index].mean(axis=1))
+    truth = test.x1[rows].double()
+    weight = math.sqrt(_heavy(truth, c))
+    joined = [torch.cat([x, weight * c.double()], dim=1) for x in (mean, truth)]
+    return squared_w2(*joined)
+
+
+def _heavy(x: Tensor, c: Tensor) -> float:
+    """A weight that makes the condition's squared distance 100 times the sample's on average."""
+    spread = squared_distances(c, c).mean()
+    return float(100 * squared_distances(x, x).mean() / spread) if spread else 0.0

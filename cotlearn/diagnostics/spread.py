@@ -1,0 +1,76 @@
+"""How much of the data's variance lies between conditions, and how much within."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.neighbors import NearestNeighbors
+from torch import Tensor
+
+from cotlearn.couplings.base import to_numpy
+from cotlearn.diagnostics.skew import unit_variance
+from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
+
+
+@dataclass(frozen=True)
+class BetweenWithin:
+    """The law of total variance for the trace of Var(x1).
+
+    Attributes:
+        total: tr Var(x1).
+        within: E tr Var(x1 | c): what a coupling can straighten.
+        between: tr Var(E[x1 | c]), the rest: where naive OT is sure to do harm. It is a warning and
+            no clearance: `moving_modes` has almost none, and naive OT fails there all the same.
+        between_share: between / total, in [0, 1]; 0 if the data do not vary.
+    """
+
+    total: float
+    within: float
+    between: float
+
+    @property
+    def between_share(self) -> float:
+        """between / total."""
+        return self.between / self.total if self.total else 0.0
+
+
+def between_within(
+    x1: Tensor, c: Tensor, *, neighbours: int = 10, max_rows: int = 4000, seed: int = 0
+) -> BetweenWithin:
+    """Split the variance of x1 (n, d) by the condition c (n, k).
+
+    Var(x1 | c) is estimated among the rows with the nearest conditions (each column scaled to unit
+    variance), ties in random order, so that labels and numbers are treated alike. Where few rows
+    lie close in c, part of the variance between shows up as within.
+
+    Args:
+        x1: data.
+        c: conditions.
+        neighbours: rows with near conditions, at least 2 and below n.
+        max_rows: more rows are subsampled.
+        seed: of subsample and ties.
+    """
+    check_matrix(x1, "x1")
+    c = check_condition(c)
+    check_same_rows(c, "c", x1, "x1")
+    check_count(neighbours, "neighbours", minimum=2)
+    rows = np.random.default_rng(seed).permutation(len(x1))[: check_count(max_rows, "max_rows")]
+    if neighbours >= len(rows):
+        raise ValueError(f"neighbours must be below the {len(rows)} rows, got {neighbours}")
+    x = to_numpy(x1)[rows]
+    total = float(x.var(axis=0).sum())
+    within = local_variance(unit_variance(to_numpy(c)[rows]), x, neighbours).mean()
+    within = min(float(within), total)
+    return BetweenWithin(total, within, total - within)
+
+
+def local_variance(
+    places: NDArray[np.float64], values: NDArray[np.float64], neighbours: int
+) -> NDArray[np.float64]:
+    """tr Var of the values at the nearest places (the place itself included), for each row."""
+    near = NearestNeighbors(n_neighbors=neighbours + 1).fit(places)
+    index = near.kneighbors(places, return_distance=False)
+    local: NDArray[np.float64] = values[index].var(axis=1, ddof=1).sum(axis=1)
+    return local
