@@ -91,12 +91,17 @@ def lab_options(root: Path, first: str, extra: list[str]) -> list[str]:
 
 
 def lab_environment() -> dict[str, str]:
-    """Returns the environment in which this Python's own kernel comes before any other."""
+    """Returns the environment of JupyterLab.
+
+    This Python's own kernel comes before any other, and kernels compute on one core unless
+    `OMP_NUM_THREADS` says otherwise (see `cotlearn.execution.execute`).
+    """
     own = str(Path(sys.prefix) / "share" / "jupyter")
     path = [own, os.environ.get("JUPYTER_PATH", "")]
     return os.environ | {
         "JUPYTER_PATH": os.pathsep.join(filter(None, path)),
         "JUPYTER_PREFER_ENV_PATH": "1",
+        "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1"),
     }
 
 

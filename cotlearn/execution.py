@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import os
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import nbformat
+import zmq
+from ipykernel.kernelspec import get_kernel_dict
 from jupyter_client.kernelspec import KernelSpec, KernelSpecManager
 from jupyter_client.manager import AsyncKernelManager
 from nbclient import NotebookClient
@@ -49,7 +50,9 @@ def execute(path: Path, *, timeout: int = 300, progress: Progress | None = None)
     """Executes a notebook from top to bottom in a fresh kernel.
 
     The kernel is the Python that runs this function, whatever kernels are registered on the
-    machine. Progress bars inside the notebook are off (`COTLEARN_PROGRESS=0`).
+    machine. Progress bars inside the notebook are off (`COTLEARN_PROGRESS=0`), and it computes
+    on one core unless `OMP_NUM_THREADS` says otherwise: the course's networks are so small that
+    threads spend more time on waiting for each other than they save.
 
     Args:
         path: The notebook; it is read, not changed.
@@ -82,7 +85,7 @@ def execute(path: Path, *, timeout: int = 300, progress: Progress | None = None)
 
     client = NotebookClient(
         notebook,
-        km=AsyncKernelManager(kernel_name="python3", kernel_spec_manager=_OwnKernel()),
+        km=_kernel_manager(),
         timeout=timeout,
         record_timing=False,
         store_widget_state=False,
@@ -91,7 +94,11 @@ def execute(path: Path, *, timeout: int = 300, progress: Progress | None = None)
         on_cell_executed=on_end,
     )
     error: str | None = None
-    with _environment(COTLEARN_PROGRESS="0", PYDEVD_DISABLE_FILE_VALIDATION="1"):
+    with _environment(
+        COTLEARN_PROGRESS="0",
+        OMP_NUM_THREADS=os.environ.get("OMP_NUM_THREADS", "1"),
+        PYDEVD_DISABLE_FILE_VALIDATION="1",
+    ):
         try:
             if code:
                 client.execute(cleanup_kc=True)  # ends the kernel, whatever happens
@@ -206,11 +213,15 @@ class _OwnKernel(KernelSpecManager):
     """Knows one kernel, the Python that runs now, so that no other on the machine can get in."""
 
     def get_kernel_spec(self, kernel_name: str) -> KernelSpec:
-        return KernelSpec(
-            argv=[sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"],
-            display_name="Python 3 (ipykernel)",
-            language="python",
-        )
+        return KernelSpec(**get_kernel_dict())  # names sys.executable
+
+
+def _kernel_manager() -> AsyncKernelManager:
+    manager = AsyncKernelManager(kernel_name="python3", kernel_spec_manager=_OwnKernel())
+    # Newer kernels warn about a connection without encryption, and newer managers can encrypt.
+    if manager.has_trait("transport_encryption") and zmq.has("curve"):
+        manager.transport_encryption = "auto"
+    return manager
 
 
 @contextmanager

@@ -84,6 +84,7 @@ def test_lab_in_a_checkout_opens_the_notebooks_in_place(launched, monkeypatch):
     assert {"--no-browser", "--allow-root"} <= set(command)
     assert command[-2:] == ["--port", "9999"]
     assert environment["JUPYTER_PATH"].startswith(sys.prefix)
+    assert environment["OMP_NUM_THREADS"]
 
 
 def test_lab_with_a_display_opens_a_browser(monkeypatch):

@@ -26,10 +26,12 @@ def test_a_notebook_that_runs(write, tmp_path, monkeypatch):
     rogue = tmp_path / "rogue" / "kernels" / "python3"
     rogue.mkdir(parents=True)
     (rogue / "kernel.json").write_text('{"argv": ["false"], "display_name": "x", "language": "x"}')
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     monkeypatch.setenv("JUPYTER_PATH", str(tmp_path / "rogue"))
     path = write(
         "import os, sys\nprint(sys.executable)\nprint('✓ claim: it is so')",
-        "assert os.environ['COTLEARN_PROGRESS'] == '0'\nopen('here.txt', 'w').close()",
+        "assert os.environ['COTLEARN_PROGRESS'] == '0'\n"
+        "assert os.environ['OMP_NUM_THREADS'] == '1'\nopen('here.txt', 'w').close()",
         "1 + 1",
     )
     before = path.read_bytes()
