@@ -1,0 +1,106 @@
+import math
+
+import pytest
+import torch
+
+from cotlearn import mixtures
+from cotlearn.datasets import Dataset, Unconditional, digits, unconditional
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+@pytest.fixture
+def rows():
+    """Ten distinct rows, of three classes with 5, 3 and 2 rows."""
+    c = torch.eye(3)[torch.tensor([0] * 5 + [1] * 3 + [2] * 2)]
+    return Dataset(torch.arange(20.0).reshape(10, 2), c, name="rows")
+
+
+def test_what_it_says_of_itself(rows):
+    assert (len(rows), rows.dim, rows.condition_dim) == (10, 2, 3)
+    assert Dataset(rows.x1).condition_dim == 0
+
+
+def test_samples_are_rows_with_their_own_condition(rows):
+    x1, c = rows.sample(200, generator=seeded())
+    index = (x1[:, 0] / 2).long()
+    assert torch.equal(rows.x1[index], x1)
+    assert torch.equal(rows.c[index], c)
+    assert len(index.unique()) == 10
+    again, _ = rows.sample(200, generator=seeded())
+    assert torch.equal(x1, again)
+    assert Dataset(rows.x1).sample(4)[1] is None
+
+
+def test_sample_given_draws_rows_of_that_condition_without_replacement(rows):
+    wanted = torch.eye(3)[torch.tensor([1, 0, 1, 0, 1, 2, 0, 0, 0, 2])]
+    x1 = rows.sample_given(wanted, generator=seeded())
+    assert torch.equal(rows.c[(x1[:, 0] / 2).long()], wanted)
+    assert len(x1.unique(dim=0)) == 10
+    twice = rows.sample_given(torch.eye(3)[[2] * 5], generator=seeded())  # two rows, five draws
+    _, counts = twice.unique(dim=0, return_counts=True)
+    assert sorted(counts.tolist()) == [2, 3]
+
+
+def test_conditions_are_the_distinct_ones_or_spread_over_many(rows):
+    assert torch.equal(rows.conditions(), torch.eye(3))
+    many = Dataset(torch.zeros(100, 1), torch.arange(100.0)[:, None])
+    c = many.conditions(n=5)
+    assert c.shape == (5, 1)
+    assert (c[0], c[-1]) == (0, 99)
+
+
+def test_integer_labels_become_numbers():
+    data = Dataset(torch.zeros(3, 2), torch.eye(3, dtype=torch.int64))
+    assert data.c.dtype == torch.float32
+
+
+def test_leaving_the_condition_out(rows):
+    bare = unconditional(rows)
+    assert isinstance(bare, Dataset)
+    assert len(bare) == 10
+    assert bare.c is None
+    endless = unconditional(mixtures.petals())
+    assert isinstance(endless, Unconditional)
+    assert (endless.dim, endless.condition_dim) == (2, 0)
+    x1, c = endless.sample(5, generator=seeded())
+    assert c is None
+    assert torch.equal(x1, mixtures.petals().sample(5, generator=seeded())[0])
+    assert "petals" in endless.name
+
+
+def test_digits_are_the_real_ones():
+    every, train, test = (digits(split) for split in ("all", "train", "test"))
+    assert every.x1.shape == (1797, 64)
+    assert every.c.shape == (1797, 10)
+    assert (every.x1.min(), every.x1.max()) == (-1, 1)
+    assert (every.c.sum(dim=1) == 1).all()
+    assert len(train) + len(test) == 1797
+    assert 0.24 < len(test) / 1797 < 0.26
+    both = {tuple(x) for x in train.x1.tolist()} & {tuple(x) for x in test.x1.tolist()}
+    assert not both  # no image stands on both sides
+    assert (test.c.sum(dim=0) > 35).all()
+    assert torch.equal(every.conditions(), torch.eye(10))
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda d: Dataset(d.x1, d.c[:4]), ValueError, "x1 has 10 rows, c has 4"),
+        (lambda d: Dataset(d.x1 * math.nan), ValueError, "x1 has NaN"),
+        (lambda d: Dataset(d.x1[:0]), ValueError, "x1 is empty"),
+        (lambda d: Dataset(d.x1.tolist()), TypeError, "x1 must be a torch tensor"),
+        (lambda d: Dataset(d.x1, d.c.argmax(dim=1)), ValueError, "c must have shape"),
+        (lambda d: d.sample(0), ValueError, "n must be at least 1"),
+        (lambda d: d.sample_given(torch.full((1, 3), 0.5)), ValueError, "c: no row of rows has"),
+        (lambda d: d.sample_given(torch.eye(2)), ValueError, "c has 2 columns, expected 3"),
+        (lambda d: Dataset(d.x1).sample_given(d.c), ValueError, "no condition"),
+        (lambda d: Dataset(d.x1).conditions(), ValueError, "no condition"),
+        (lambda d: digits("validation"), ValueError, "split must be one of train, test, all"),
+    ],
+)
+def test_bad_input(rows, call, error, message):
+    with pytest.raises(error, match=message):
+        call(rows)
