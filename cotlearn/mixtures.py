@@ -104,10 +104,7 @@ class ConditionalGaussianMixture:
         """
         x = self._check_x(x, c)
         log_weights, means, stds = self.components(self._check_c(c))
-        time = torch.as_tensor(t, dtype=x.dtype)
-        if ((time < 0) | (time > 1)).any():
-            raise ValueError(f"t must lie in [0, 1], got values from {time.min()} to {time.max()}")
-        time = time.expand(len(x))[:, None, None]
+        time = _check_time(t, x)[:, None, None]
         variance = (1 - time) ** 2 + time**2 * stds**2  # of x_t given k
         covariance = time * stds**2 - (1 - time)  # of x_t with x1 - x0 given k
         # At t = 1 a certain coordinate has no spread: all that is left there is its mean.
@@ -125,6 +122,15 @@ class ConditionalGaussianMixture:
         x = check_matrix(x, "x", columns=self.dim)
         check_same_rows(x, "x", c, "c")
         return x
+
+
+def _check_time(t: Tensor | float, x: Tensor) -> Tensor:
+    time = torch.as_tensor(t, dtype=x.dtype)
+    if time.ndim > 1 or (time.ndim == 1 and len(time) != len(x)):
+        raise ValueError(f"t must be a number or have shape ({len(x)},), got {tuple(time.shape)}")
+    if not ((time >= 0) & (time <= 1)).all():
+        raise ValueError(f"t must lie in [0, 1], got values from {time.min()} to {time.max()}")
+    return time.expand(len(x))
 
 
 def _log_normal(x: Tensor, means: Tensor, stds: Tensor) -> Tensor:
@@ -148,7 +154,10 @@ def _labelled(name: str, means: Tensor, std: float) -> ConditionalGaussianMixtur
     n_conditions = len(means)
 
     def components(c: Tensor) -> Components:
-        return _even(means[c.argmax(dim=1)], std)
+        label = c.argmax(dim=1)
+        if not torch.equal(c, torch.eye(n_conditions, dtype=c.dtype)[label]):
+            raise ValueError(f"c must be one-hot: one 1 and {n_conditions - 1} times 0 in each row")
+        return _even(means[label], std)
 
     def draw(n: int, generator: torch.Generator | None) -> Tensor:
         labels = torch.randint(n_conditions, (n,), generator=generator)
