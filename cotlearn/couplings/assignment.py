@@ -1,21 +1,23 @@
 """The solvers behind the couplings: exact permutations, entropic plans, and drawing from a plan.
 
-How the exact solver was chosen. Three solvers give the same optimum; which one is fastest depends
-on the size of the batch and the dimension of the points. Milliseconds for one assignment, cost
-|x0 - x1|^2 from noise to four clusters, one thread of a server CPU, best of three:
+How the exact solver was chosen. Four ways give the same optimum; which is fastest depends on the
+size of the batch and the dimension of the points. Milliseconds for one assignment, cost
+|x0 - x1|^2 from noise to a broad Gaussian / to eight clusters, float64, one thread of a busy
+server CPU, median of five (compare within a row; `benchmarks/assignment.py` measures again):
 
-    batch, dimension     SciPy   lapx `lapjvs`   POT `emd`
-      64,  2              0.21        0.17          0.22
-     128,  2              1.39        1.96          0.84
-     256,  2              8.27        13.7          2.94
-     256, 16              3.40        1.86          3.79
-    1024,  2              334         759           70
-    1024, 16               86         46            104
-    1024, 64               52         44            108
+    batch, dimension     SciPy        lapx lapjvs    POT emd       POT emd, warm
+      64,  2            .24 / .26     .35 / .29      .26 / .26     .36 / .41
+     128,  2            1.6 / 1.2     2.5 / 1.8      1.1 / .75     1.2 / 1.0
+     128, 16            .83 / 1.2     .41 / 1.2      .93 / .85     .86 / .94
+     256,  2            9.6 / 10      17  / 20       3.9 / 4.1     4.1 / 4.8
+     256, 64            4.0 / 6.7     2.8 / 12       4.2 / 4.2     3.6 / 3.6
+    1024,  2            424 / 424     981 / 1071     103 / 96      102 / 94
+    1024, 64            123 / 441     162 / 186      135 / 190     99  / 93
 
 Points in a few dimensions make hard assignments (many nearly equal augmenting paths), on which
-the network simplex of POT is best; in more dimensions Jonker-Volgenant wins. Hence the rule of
-`exact_permutation`. `benchmarks/assignment.py` measures it again.
+POT's network simplex is best from 100 rows on; small batches go to SciPy, or in more dimensions
+to Jonker-Volgenant (lapx); large batches in many dimensions gain from starting the simplex at the
+potentials of a few Sinkhorn steps ("warm"), which changes the time and not the optimum.
 """
 
 from __future__ import annotations
@@ -31,8 +33,9 @@ from cotlearn.validation import check_number
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-FEW_DIMENSIONS = 3  #: up to here the network simplex is the fastest ...
-LARGE_BATCH = 100  #: ... from this many rows on
+FEW_DIMENSIONS = 3  #: up to here assignments are hard, and the network simplex is fastest ...
+LARGE_BATCH = 100  #: ... from this many rows on ...
+LARGE_BATCH_MANY_DIMENSIONS = 200  #: ... and in more dimensions from this many, warm
 
 
 def exact_permutation(cost: Array, *, dim: int | None = None) -> Index:
@@ -50,16 +53,37 @@ def exact_permutation(cost: Array, *, dim: int | None = None) -> Index:
         ValueError: the cost is not square, is empty, or is not finite.
     """
     cost = _check_cost(cost)
-    if dim is not None and dim <= FEW_DIMENSIONS and len(cost) >= LARGE_BATCH:
-        weights = np.full(len(cost), 1 / len(cost))
-        plan = ot.emd(weights, weights, cost, numItermax=10_000_000)
-        columns = plan.argmax(axis=1)
+    if dim is not None and dim <= FEW_DIMENSIONS:
+        columns = _simplex(cost) if len(cost) >= LARGE_BATCH else linear_sum_assignment(cost)[1]
+    elif len(cost) >= LARGE_BATCH_MANY_DIMENSIONS:
+        columns = _simplex(cost, start=_sinkhorn_potentials(cost))
     else:
-        columns = lapjvs(cost, return_cost=False)[1]
+        columns = lapjvs(cost, return_cost=False, prefer_float32=False)[1]
     columns = np.asarray(columns, dtype=np.int64)
     if len(np.unique(columns)) < len(cost):  # a solver gave up: the slowest never does
         columns = linear_sum_assignment(cost)[1].astype(np.int64)
     return columns
+
+
+def _simplex(cost: Array, start: tuple[Array, Array] | None = None) -> Index:
+    weights = np.full(len(cost), 1 / len(cost))
+    plan = ot.emd(weights, weights, cost, numItermax=10_000_000, potentials_init=start)
+    columns: Index = plan.argmax(axis=1)
+    return columns
+
+
+def _sinkhorn_potentials(
+    cost: Array, *, steps: int = 10, share: float = 0.05
+) -> tuple[Array, Array]:
+    """Rough dual potentials, by a few Sinkhorn steps in single precision."""
+    epsilon = max(share * float(cost.std()), np.finfo(np.float32).tiny)
+    kernel = np.exp(((cost.min() - cost) / epsilon).astype(np.float32))
+    u, least = np.ones(len(cost), np.float32), np.float32(1e-20)
+    v = u
+    for _ in range(steps):
+        v = 1 / (kernel.T @ u + least)
+        u = 1 / (kernel @ v + least)
+    return epsilon * np.log(u.astype(np.float64)), epsilon * np.log(v.astype(np.float64))
 
 
 def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
