@@ -22,6 +22,8 @@ from cotlearn.validation import check_choice, check_count, check_number
 
 Array = NDArray[np.float64]
 
+LARGEST_WEIGHT = 1e12  #: up to this g^2 c^2 six digits of every error survive rounding
+
 
 @dataclass(frozen=True)
 class LinearGaussian:
@@ -80,7 +82,8 @@ class LinearGaussian:
         Args:
             g: weight of the condition's distance in the conditional coupling, the g of COT Policy
                 (2505.01179): condition_weight = g^2. 0 is naive optimal transport, math.inf is
-                optimal transport within each condition; or "independent".
+                optimal transport within each condition; or "independent". Finite values up to
+                1e6 (for S_c = 1) can be resolved.
             label: "target" gives the network the condition of x1, "source" that of x0.
         """
         check_choice(label, "label", ("target", "source"))
@@ -92,6 +95,8 @@ class LinearGaussian:
             return AffineFlow(self, self._joint(_sqrtm(self.S), None))
         if g == 0:
             return self._naive(label)
+        if g**2 * np.linalg.eigvalsh(self.S_c).max() > LARGEST_WEIGHT:
+            raise ValueError(f"g = {g:.3g} is too large to compute with; use math.inf")
         return self._conditional(g, label)
 
     @property
@@ -233,10 +238,15 @@ class AffineFlow:
 
 
 def bures_map(source: Array, target: Array) -> Array:
-    """The symmetric matrix M with M source M = target: the optimal map from N(0, source)."""
+    """The symmetric matrix M with M source M = target: the optimal map from N(0, source).
+
+    Both are positive definite. The root of R target R, R^2 = source, comes from the singular
+    values of R L, L L^T = target: forming the product would lose twice as many digits.
+    """
     root = _sqrtm(source)
     inverse = np.linalg.inv(root)
-    return inverse @ _sqrtm(root @ target @ root) @ inverse
+    U, values, _ = np.linalg.svd(root @ np.linalg.cholesky(target))
+    return inverse @ (U * values) @ U.T @ inverse
 
 
 def bures_squared(first: Array, second: Array) -> float:
