@@ -13,10 +13,12 @@ can also be told apart in grey. Coupling colours are those of Okabe and Ito
 
 from __future__ import annotations
 
+import base64
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -27,9 +29,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
-
-if TYPE_CHECKING:
-    from IPython.display import Image
 
 COLORS: dict[str, str] = {
     "independent": "#0072B2",
@@ -930,8 +929,20 @@ def animate(
     return animation
 
 
-def gif(animation: FuncAnimation, *, fps: int = 9, dpi: int = 72) -> Image:
-    """Render an animation as a GIF for display in a notebook (needs IPython).
+@dataclass(frozen=True)
+class Gif:
+    """A GIF that notebooks display, and pages made from them too."""
+
+    data: bytes
+
+    def _repr_mimebundle_(self, **options: Any) -> dict[str, str]:
+        encoded = base64.b64encode(self.data).decode()
+        page = f'<img alt="animation" src="data:image/gif;base64,{encoded}">'
+        return {"image/gif": encoded, "text/html": page, "text/plain": "<animation>"}
+
+
+def gif(animation: FuncAnimation, *, fps: int = 9, dpi: int = 72) -> Gif:
+    """Render an animation as a GIF for display in a notebook.
 
     Args:
         animation: from :func:`animate`.
@@ -939,11 +950,9 @@ def gif(animation: FuncAnimation, *, fps: int = 9, dpi: int = 72) -> Image:
         dpi: dots an inch; 72 keeps three panels of 30 frames well below 1 MB.
 
     Returns:
-        An IPython image; its bytes are in ``.data``.
+        What a cell displays; the bytes are in ``.data``.
     """
-    from IPython.display import Image
-
-    return Image(data=gif_bytes(animation, fps=fps, dpi=dpi), format="gif")
+    return Gif(gif_bytes(animation, fps=fps, dpi=dpi))
 
 
 def gif_bytes(animation: FuncAnimation, *, fps: int = 9, dpi: int = 72) -> bytes:
