@@ -1,0 +1,154 @@
+"""The solvers against brute force, SciPy and POT."""
+
+import itertools
+
+import numpy as np
+import ot
+import pytest
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from cotlearn.couplings.assignment import (
+    FEW_DIMENSIONS,
+    LARGE_BATCH,
+    draw_pairs,
+    exact_permutation,
+    sinkhorn_plan,
+)
+
+
+def points(n, d, seed=0, kind="normal"):
+    rng = np.random.default_rng(seed)
+    x, y = rng.normal(size=(2, n, d))
+    if kind == "duplicates":  # few distinct points, many ties
+        x, y = x[rng.integers(max(n // 5, 1), size=n)], y[rng.integers(max(n // 5, 1), size=n)]
+    if kind == "integers":
+        x, y = np.round(2 * x), np.round(2 * y)
+    return cdist(x, y, "sqeuclidean")
+
+
+def total(cost, columns):
+    return cost[np.arange(len(cost)), columns].sum()
+
+
+@pytest.mark.parametrize("dim", [None, 2])
+@pytest.mark.parametrize("seed", range(20))
+def test_brute_force_over_all_permutations(seed, dim):
+    cost = np.random.default_rng(seed).normal(size=(4, 4))
+    best = min(itertools.permutations(range(4)), key=lambda p: total(cost, list(p)))
+    assert tuple(exact_permutation(cost, dim=dim)) == best
+
+
+@pytest.mark.parametrize("kind", ["normal", "duplicates", "integers"])
+@pytest.mark.parametrize("dim", [1, 2, 3, 8, 32])
+@pytest.mark.parametrize("n", [1, 2, 7, 64, LARGE_BATCH - 1, LARGE_BATCH, 200])
+def test_scipy_and_pot_find_nothing_cheaper(n, dim, kind):
+    cost = points(n, dim, kind=kind)
+    weights = np.full(n, 1 / n)
+    expected = total(cost, linear_sum_assignment(cost)[1])
+    assert n * ot.emd2(weights, weights, cost) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    for told in (dim, None, FEW_DIMENSIONS, FEW_DIMENSIONS + 1):  # both solvers on every cost
+        columns = exact_permutation(cost, dim=told)
+        assert columns.dtype == np.int64
+        assert np.array_equal(np.sort(columns), np.arange(n))
+        assert total(cost, columns) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("dim", [2, 16])
+def test_a_large_batch(dim):
+    cost = points(600, dim)
+    expected = total(cost, linear_sum_assignment(cost)[1])
+    assert total(cost, exact_permutation(cost, dim=dim)) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e-6, 1.0, 1e6, 1e12])
+@pytest.mark.parametrize("shift", [0.0, -5.0])
+@pytest.mark.parametrize("dim", [2, 16])
+def test_scale_and_sign_of_the_cost_do_not_matter(scale, shift, dim):
+    cost = points(150, dim)
+    best = exact_permutation(cost, dim=dim)
+    columns = exact_permutation(scale * (cost + shift), dim=dim)
+    assert total(cost, columns) == pytest.approx(total(cost, best), rel=1e-9)
+
+
+def test_one_dimension_is_sorting():
+    x, y = np.random.default_rng(0).normal(size=(2, 150))
+    columns = exact_permutation((x[:, None] - y[None]) ** 2, dim=1)
+    assert np.array_equal(np.argsort(x).argsort(), np.argsort(y[columns]).argsort())
+
+
+def test_the_cost_is_not_changed():
+    for n in (50, 150):
+        cost = points(n, 2)
+        before = cost.copy()
+        exact_permutation(cost, dim=2)
+        sinkhorn_plan(cost, regularization=0.05)
+        assert np.array_equal(cost, before)
+
+
+def test_float32_and_transposed_costs():
+    cost = points(120, 2)
+    expected = total(cost, exact_permutation(cost))
+    assert total(cost, exact_permutation(cost.astype(np.float32), dim=2)) == pytest.approx(
+        expected, rel=1e-5
+    )
+    columns = exact_permutation(cost.T, dim=2)
+    assert total(cost.T, columns) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("regularization", [0.02, 0.05, 0.5, 5.0])
+@pytest.mark.parametrize("kind", ["normal", "duplicates"])
+def test_sinkhorn_marginals(regularization, kind):
+    n = 40
+    plan = sinkhorn_plan(points(n, 2, kind=kind), regularization=regularization)
+    assert plan.min() >= 0
+    assert np.abs(plan.sum(axis=0) - 1 / n).max() < 1e-4
+    assert np.abs(plan.sum(axis=1) - 1 / n).max() < 1e-4
+
+
+def test_sinkhorn_lies_between_the_exact_and_the_independent_plan():
+    cost = points(40, 2)
+    exact = total(cost, exact_permutation(cost)) / 40
+    costs = [(sinkhorn_plan(cost, regularization=r) * cost).sum() for r in (0.02, 0.1, 1, 100)]
+    assert costs == sorted(costs)
+    assert costs[0] == pytest.approx(exact, rel=0.1)
+    assert costs[0] > exact
+    assert costs[-1] == pytest.approx(cost.mean(), rel=0.01)
+
+
+def test_sinkhorn_does_not_depend_on_the_scale():
+    cost = points(20, 2)
+    plan = sinkhorn_plan(cost, regularization=0.1)
+    assert np.allclose(plan, sinkhorn_plan(1e6 * cost, regularization=0.1), atol=1e-9)
+    assert np.allclose(sinkhorn_plan(0 * cost, regularization=0.1), 1 / 400)
+
+
+def test_drawn_pairs_follow_the_plan():
+    plan = np.array([[0.5, 0.0], [0.2, 0.3]])
+    rows, columns = draw_pairs(plan, 50_000, np.random.default_rng(0))
+    share = np.histogram2d(rows, columns, bins=2)[0] / 50_000
+    assert np.allclose(share, plan, atol=0.01)
+    assert share[0, 1] == 0
+
+
+@pytest.mark.parametrize(
+    ("cost", "message"),
+    [
+        (np.zeros((3, 4)), r"cost must be a non-empty square matrix, got shape \(3, 4\)"),
+        (np.zeros((0, 0)), "cost must be a non-empty square"),
+        (np.zeros(3), "cost must be a non-empty square"),
+        (np.full((2, 2), np.nan), "cost has NaN"),
+        (np.full((2, 2), np.inf), "cost has NaN or infinite"),
+    ],
+)
+def test_bad_costs(cost, message):
+    with pytest.raises(ValueError, match=message):
+        exact_permutation(cost)
+    with pytest.raises(ValueError, match=message):
+        sinkhorn_plan(cost, regularization=0.1)
+
+
+@pytest.mark.parametrize("regularization", [0, -1.0, np.nan, np.inf])
+def test_bad_regularization(regularization):
+    with pytest.raises(ValueError, match="regularization must be"):
+        sinkhorn_plan(np.eye(2), regularization=regularization)

@@ -1,0 +1,319 @@
+"""What every coupling keeps to, and the stream of training batches."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, Pairs
+from cotlearn.couplings.base import draw_noise, generator_for, squared_distances, to_numpy
+from cotlearn.datasets import Dataset
+from cotlearn.mixtures import petals, unconditional
+
+COUPLINGS = [
+    Independent(),
+    MinibatchOT(),
+    MinibatchOT(plan="sinkhorn"),
+    ConditionalOT(0.0),
+    ConditionalOT(10.0),
+    ConditionalOT(math.inf),
+    ConditionalOT("balanced"),
+    ConditionalOT(3.0, label="source"),
+]
+WITH_REPLACEMENT = [
+    MinibatchOT(sampling="replacement"),
+    MinibatchOT(plan="sinkhorn", sampling="replacement"),
+    ConditionalOT(2.0, sampling="replacement"),
+    ConditionalOT(math.inf, sampling="replacement"),
+]
+every = pytest.mark.parametrize("coupling", COUPLINGS + WITH_REPLACEMENT, ids=repr)
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def batch(n=24, d=2, k=3, dtype=torch.float32, seed=0):
+    g = seeded(seed)
+    x0, x1 = (torch.randn(n, d, generator=g, dtype=dtype) for _ in range(2))
+    return x0, x1, torch.eye(k, dtype=dtype)[torch.randint(k, (n,), generator=g)]
+
+
+@every
+@settings(max_examples=15, deadline=None)
+@given(
+    n=st.integers(1, 20),
+    d=st.integers(1, 5),
+    k=st.integers(1, 4),
+    dtype=st.sampled_from([torch.float32, torch.float64]),
+    seed=st.integers(0, 2**31),
+)
+def test_what_every_coupling_keeps_to(coupling, n, d, k, dtype, seed):
+    x0, x1, c = batch(n, d, k, dtype, seed)
+    before = x0.clone(), x1.clone(), c.clone()
+    pairs = coupling(x0, x1, c, generator=seeded(seed))
+    for value, old in zip((x0, x1, c), before, strict=True):
+        assert torch.equal(value, old)
+    assert len(pairs) == n
+    assert pairs.x0.shape == pairs.x1.shape == (n, d)
+    assert pairs.c.shape == (n, k)
+    assert pairs.x0.dtype == pairs.x1.dtype == pairs.c.dtype == dtype
+    assert pairs.source_index.dtype == pairs.target_index.dtype == torch.int64
+    assert torch.equal(pairs.x0, x0[pairs.source_index])
+    assert torch.equal(pairs.x1, x1[pairs.target_index])
+    if getattr(coupling, "label", "target") == "target":
+        assert torch.equal(pairs.c, c[pairs.target_index])
+    sampling = getattr(getattr(coupling, "solver", coupling), "sampling", "permutation")
+    if sampling == "permutation":
+        for index in (pairs.source_index, pairs.target_index):
+            assert torch.equal(index.sort().values, torch.arange(n))
+    again = coupling(x0, x1, c, seeded(seed))
+    assert torch.equal(pairs.source_index, again.source_index)
+    assert torch.equal(pairs.target_index, again.target_index)
+    assert torch.equal(pairs.c, again.c)
+
+
+@every
+def test_global_randomness_is_the_default(coupling):
+    x0, x1, c = batch()
+    torch.manual_seed(3)
+    first = coupling(x0, x1, c)
+    torch.manual_seed(3)
+    second = coupling(x0, x1, c)
+    assert torch.equal(first.target_index, second.target_index)
+    assert torch.equal(first.source_index, second.source_index)
+
+
+@every
+@pytest.mark.parametrize("value", [0.0, 2.5])
+def test_identical_rows_are_no_problem(coupling, value):
+    n = 130  # both solvers: see `assignment.py`
+    x = torch.full((n, 2), value)
+    pairs = coupling(x, x, torch.full((n, 1), value), generator=seeded())
+    assert torch.equal(pairs.x0, x)
+    assert torch.equal(pairs.x1, x)
+
+
+@every
+def test_no_gradient_is_needed_and_none_is_lost(coupling):
+    x0, x1, c = batch()
+    x1.requires_grad_()
+    pairs = coupling(x0, x1, c, generator=seeded())
+    pairs.x1.sum().backward()
+    assert x1.grad is not None
+
+
+def test_integer_conditions_are_labels_of_the_network_as_they_came():
+    x0, x1, c = batch()
+    whole = ConditionalOT(5.0)(x0, x1, c.long(), generator=seeded())
+    real = ConditionalOT(5.0)(x0, x1, c, generator=seeded())
+    assert torch.equal(whole.target_index, real.target_index)
+
+
+def test_mixed_dtypes_are_kept():
+    x0, x1, c = batch()
+    pairs = MinibatchOT()(x0.double(), x1, c.half())
+    assert (pairs.x0.dtype, pairs.x1.dtype) == (torch.float64, torch.float32)
+    assert pairs.c.dtype == torch.float16
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@every
+def test_device_is_kept(coupling):
+    x0, x1, c = (value.cuda() for value in batch())
+    pairs = coupling(x0, x1, c, generator=seeded())
+    for value in (pairs.x0, pairs.x1, pairs.c, pairs.source_index, pairs.target_index):
+        assert value.is_cuda
+
+
+@every
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"x0": None}, TypeError, "x0 must be a torch tensor, got NoneType"),
+        ({"x0": np.zeros((4, 2))}, TypeError, "x0 must be a torch tensor"),
+        ({"x1": torch.zeros(4, 2, dtype=torch.int64)}, TypeError, "x1 must be a floating-point"),
+        ({"x0": torch.zeros(4)}, ValueError, r"x0 must have shape .* got \(4,\)"),
+        ({"x1": torch.zeros(4, 3)}, ValueError, "x1 has 3 columns, expected 2"),
+        ({"x1": torch.zeros(5, 2)}, ValueError, "x1 has 5 rows, x0 has 4"),
+        ({"c": torch.zeros(3, 1)}, ValueError, "c has 3 rows, x0 has 4"),
+        ({"c": torch.tensor([0, 1, 2, 3])}, ValueError, "c must have shape .*one_hot"),
+        ({"c": torch.full((4, 1), math.nan)}, ValueError, "c has NaN"),
+        ({"c": "left"}, TypeError, "c must be a torch tensor, got str"),
+        ({"x0": torch.full((4, 2), math.nan)}, ValueError, "x0 has NaN or infinite .* 4 of 4"),
+        ({"x1": torch.full((4, 2), math.inf)}, ValueError, "x1 has NaN or infinite"),
+        ({"x0": torch.zeros(0, 2), "x1": torch.zeros(0, 2)}, ValueError, "x0 is empty"),
+    ],
+)
+def test_bad_input(coupling, change, error, message):
+    given = {"x0": torch.zeros(4, 2), "x1": torch.zeros(4, 2), "c": torch.zeros(4, 1)}
+    with pytest.raises(error, match=message):
+        coupling(**{**given, **change})
+
+
+def test_pairs_map_leaves_out_what_is_not_there():
+    pairs = Pairs(*batch(4)[:2], None, torch.arange(4), torch.arange(4))
+    cut = pairs.map(lambda value: value[:3])
+    assert len(cut) == 3
+    assert cut.c is None
+    assert cut.weight is None
+    assert torch.equal(cut.source_index, torch.arange(3))
+
+
+def test_a_new_coupling_overrides_match_alone():
+    class Backwards(Coupling):
+        name = "backwards"
+
+        def match(self, x0, x1, c, rng):
+            from cotlearn.couplings.base import Match
+
+            return Match(np.arange(len(x0)), np.arange(len(x0))[::-1].copy())
+
+    x0, x1, c = batch(5)
+    pairs = Backwards()(x0, x1, c)
+    assert torch.equal(pairs.x1, x1.flip(0))
+    assert torch.equal(pairs.c, c.flip(0))
+    assert len(next(Backwards().stream(petals(), batch_size=5))) == 5
+    with pytest.raises(NotImplementedError):
+        Coupling()(x0, x1, c)
+
+
+# --- the stream ---
+
+
+def take(coupling, n, **options):
+    stream = coupling.stream(petals(), generator=seeded(7), **options)
+    return list(itertools.islice(stream, n))
+
+
+@every
+@pytest.mark.parametrize("ot_batch_size", [None, 8, 32])
+def test_a_stream_that_starts_later_gives_the_same_batches(coupling, ot_batch_size):
+    options = {"batch_size": 8, "ot_batch_size": ot_batch_size}
+    every_batch = take(coupling, 9, **options)
+    for start in (1, 3, 4, 6):
+        for old, new in zip(every_batch[start:], take(coupling, 3, start=start, **options)):  # noqa: B905
+            for name in ("x0", "x1", "c", "source_index", "target_index"):
+                assert torch.equal(getattr(old, name), getattr(new, name))
+
+
+def test_the_stream_depends_on_the_seed_and_not_on_what_was_drawn_before():
+    first = take(MinibatchOT(), 2, batch_size=8)
+    used = seeded(7)
+    torch.rand(5, generator=used)
+    again = next(MinibatchOT().stream(petals(), batch_size=8, generator=used))
+    assert torch.equal(first[0].x1, again.x1)
+    other = next(MinibatchOT().stream(petals(), batch_size=8, generator=seeded(8)))
+    assert not torch.equal(first[0].x1, other.x1)
+    assert not torch.equal(first[0].x1, first[1].x1)
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS, ids=repr)
+def test_an_ot_batch_that_is_cut_up_covers_each_row_once(coupling):
+    parts = take(coupling, 4, batch_size=8, ot_batch_size=32)
+    for name in ("source_index", "target_index"):
+        rows = torch.cat([getattr(part, name) for part in parts])
+        assert torch.equal(rows.sort().values, torch.arange(32))
+
+
+def test_a_cut_of_condition_exact_pairs_is_no_single_class():
+    parts = take(ConditionalOT(math.inf), 8, batch_size=16, ot_batch_size=128)
+    for part in parts:
+        assert len(part.c.unique(dim=0)) >= 3
+
+
+def test_the_batch_is_paired_as_a_whole():
+    parts = take(MinibatchOT(), 4, batch_size=8, ot_batch_size=32)
+    generator = generator_for(7, 0)
+    x1, c = petals().sample(32, generator=generator)
+    x0 = torch.randn(32, 2, generator=generator)
+    whole = MinibatchOT()(x0, x1, c, generator=generator)
+    assert torch.equal(torch.cat([part.x0 for part in parts]), whole.x0)
+    assert torch.equal(torch.cat([part.x1 for part in parts]), whole.x1)
+
+
+def test_noise_comes_from_the_source():
+    def source(n, generator=None):
+        return 5 + torch.rand(n, 2, generator=generator)
+
+    pairs = take(MinibatchOT(), 2, batch_size=8, source=source)
+    assert all(((part.x0 >= 5) & (part.x0 < 6)).all() for part in pairs)
+    assert not torch.equal(pairs[0].x0, pairs[1].x0)
+
+
+def test_noise_has_the_dtype_of_the_data():
+    data = Dataset(torch.zeros(5, 2, dtype=torch.float64))
+    pairs = next(Independent().stream(data, batch_size=3))
+    assert pairs.x0.dtype == torch.float64
+
+
+def test_data_without_a_condition():
+    bare = unconditional(petals())
+    assert next(MinibatchOT().stream(bare, batch_size=4)).c is None
+    with pytest.raises(TypeError, match="ConditionalOT needs the conditions c"):
+        next(ConditionalOT(1.0).stream(bare, batch_size=4))
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"batch_size": 0}, ValueError, "batch_size must be at least 1"),
+        ({"batch_size": 2.0}, TypeError, "batch_size must be an integer"),
+        ({"batch_size": 8, "ot_batch_size": 4}, ValueError, "ot_batch_size must be at least 8"),
+        ({"batch_size": 8, "ot_batch_size": 20}, ValueError, "ot_batch_size .* multiple .* 8"),
+        ({"batch_size": 8, "start": -1}, ValueError, "start must be at least 0"),
+        ({"batch_size": 8, "source": lambda n, generator: torch.zeros(n, 3)}, ValueError, "source"),
+        ({"batch_size": 8, "source": lambda n, generator: None}, ValueError, "source .* NoneType"),
+    ],
+)
+def test_bad_stream_options(options, error, message):
+    with pytest.raises(error, match=message):
+        next(Independent().stream(petals(), **options))
+
+
+def test_data_that_turn_bad_are_named():
+    class Broken:
+        def sample(self, n, generator=None):
+            return torch.full((n, 2), math.nan), None
+
+    with pytest.raises(ValueError, match="x1 has NaN"):
+        next(Independent().stream(Broken(), batch_size=4))
+
+
+def test_generators_differ_by_seed_number_and_purpose():
+    drawn = {
+        float(torch.rand(1, generator=generator_for(*key)))
+        for key in itertools.product((0, 1, 2**40, -1), (0, 1, 5), (0, 1))
+    }
+    assert len(drawn) == 4 * 3 * 2
+
+
+def test_distances_and_noise():
+    x0, x1, _ = batch(4)
+    expected = (x0[:, None].double() - x1[None].double()).square().sum(dim=2)
+    assert np.allclose(squared_distances(x0, x1), expected)
+    assert to_numpy(x0).dtype == np.float64
+    assert torch.equal(draw_noise(x1, None, seeded(1)), torch.randn(4, 2, generator=seeded(1)))
+
+
+def test_options_are_readable():
+    assert repr(Independent()) == "Independent()"
+    assert repr(MinibatchOT()) == (
+        "MinibatchOT(plan='exact', sampling='permutation', regularization=0.05)"
+    )
+    assert "condition_weight=inf" in repr(ConditionalOT(math.inf))
+
+
+def test_a_function_in_the_options_has_the_same_name_in_every_process():
+    """A checkpoint knows its training by this text: no address may stand in it."""
+
+    def half(c):
+        return c / 2
+
+    text = repr(ConditionalOT(1.0, condition=half))
+    assert "half" in text
+    assert " at 0x" not in text
