@@ -1,0 +1,200 @@
+"""Does it help if the model chooses its pairs, and what does that do to the data?
+
+Two parts, both with a batch of 64, the limit of model-aligned coupling (MAC) "full".
+
+"equal" and "unequal": four source Gaussians at (-4, -4.5), (-4, -1.5), (-4, 1.5), (-4, 4.5) with
+standard deviation 0.4 go to two target Gaussians at (4, -3) and (4, 3), without a condition. Each
+target mode has half of the data. In "equal" both have standard deviation 0.4; in "unequal" the
+upper one has 1.0. The shares of the generated points below and above the middle should be 1/2
+each; "astray" is the share farther than four standard deviations from both modes. The number of
+Gaussians is that of the MAC authors (2505.23346); places and spreads are the course's.
+
+"petals": normal noise to the four petals with labels, MAC "full" with condition weights from 0 (as
+published) to 100, beside independent, naive and conditional OT. `skew` is `prior_skew` of the pairs
+that the finished network would choose.
+
+    python benchmarks/mac.py
+
+writes data/results/mac.json. An interrupted run goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from cells import RESULTS, Table
+from torch import Tensor
+
+from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, ModelAligned
+from cotlearn.diagnostics import prior_skew
+from cotlearn.flows import VelocityMLP, fit, integrate, sampler
+from cotlearn.metrics import conditional_squared_w2, squared_w2
+from cotlearn.mixtures import petals
+
+SETTING = {"steps": 3000, "batch_size": 64, "width": 64, "depth": 3, "seeds": 5, "points": 2000}
+NFE = (1, 2, 4, 32)
+WARMUP = SETTING["steps"] // 2
+SPREAD = {"equal": (0.4, 0.4), "unequal": (0.4, 1.0)}
+CENTRES = torch.tensor([[4.0, -3.0], [4.0, 3.0]])
+METHODS = ["minibatch_ot", "independent", "aligned_weighted", "aligned_topk", "aligned_full"]
+WEIGHTS = (0, 1, 10, 100)
+ON_PETALS = [
+    "minibatch_ot",
+    "independent",
+    "conditional_ot",
+    *(f"aligned_full_{w}" for w in WEIGHTS),
+]
+
+
+def source(n: int, generator: torch.Generator | None = None) -> Tensor:
+    """The four Gaussians on the left."""
+    heights = torch.tensor([-4.5, -1.5, 1.5, 4.5])
+    y = heights[torch.randint(4, (n,), generator=generator)]
+    centre = torch.stack([torch.full((n,), -4.0), y], dim=1)
+    return centre + 0.4 * torch.randn(n, 2, generator=generator)
+
+
+@dataclass(frozen=True)
+class TwoModes:
+    """The two Gaussians on the right; half of the data each."""
+
+    std: tuple[float, float]
+
+    def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, None]:
+        """Draw n points; there is no condition."""
+        mode = torch.randint(2, (n,), generator=generator)
+        noise = torch.randn(n, 2, generator=generator)
+        return CENTRES[mode] + torch.tensor(self.std)[mode][:, None] * noise, None
+
+
+def make(method: str) -> Coupling:
+    """The coupling of a cell."""
+    if method.startswith("aligned"):
+        _, variant, *weight = method.split("_")
+        condition_weight = float(weight[0]) if weight else 0.0
+        return ModelAligned(variant, warmup_steps=WARMUP, condition_weight=condition_weight)
+    return {
+        "independent": Independent(),
+        "minibatch_ot": MinibatchOT(),
+        "conditional_ot": ConditionalOT(math.inf),
+    }[method]
+
+
+def shares(x: Tensor, std: tuple[float, float]) -> dict[str, float]:
+    """How much of x is above the middle, and how much is far from both modes."""
+    far = torch.cdist(x, CENTRES) > 4 * torch.tensor(std)
+    return {
+        "upper": round(float((x[:, 1] > 0).float().mean()), 4),
+        "astray": round(float(far.all(dim=1).float().mean()), 4),
+    }
+
+
+def two_modes(key: dict[str, Any]) -> dict[str, Any]:
+    """Train on 4 -> 2 Gaussians; error and shares at every NFE."""
+    std = SPREAD[key["data"]]
+    data, seed = TwoModes(std), key["seed"]
+    generator = torch.Generator().manual_seed(1000 + seed)
+    truth, _ = data.sample(SETTING["points"], generator=generator)
+    if key["method"] == "floor":
+        fresh, _ = data.sample(SETTING["points"], generator=generator)
+        return {"squared_w2": round(squared_w2(fresh, truth), 4), **shares(fresh, std)}
+    network = train(VelocityMLP(2, width=SETTING["width"], seed=seed), data, key, source)
+    x0 = source(SETTING["points"], generator=generator)
+    made = [integrate(network, x0, nfe=nfe).x1 for nfe in NFE]
+    found = [shares(x, std) for x in made]
+    return {
+        "squared_w2": [round(squared_w2(x, truth), 4) for x in made],
+        "upper": [f["upper"] for f in found],
+        "astray": [f["astray"] for f in found],
+    }
+
+
+def train(start: Any, data: Any, key: dict[str, Any], noise: Any, coupling: Any = None) -> Any:
+    """The network of one cell."""
+    return fit(
+        start,
+        data,
+        coupling or make(key["method"]),
+        steps=SETTING["steps"],
+        batch_size=SETTING["batch_size"],
+        source=noise,
+        seed=key["seed"],
+    ).network
+
+
+def labelled(key: dict[str, Any]) -> dict[str, Any]:
+    """Train on petals; conditional error at every NFE, and the skew of the pairs at the end."""
+    data, seed = petals(), key["seed"]
+    generator = torch.Generator().manual_seed(1000 + seed)
+    if key["method"] == "floor":
+        value = conditional_squared_w2(data.sample_given, data, n=500, generator=generator)
+        return {"conditional_squared_w2": round(value, 4)}
+    coupling = make(key["method"])
+    start = VelocityMLP(2, 4, width=SETTING["width"], seed=seed)
+    network = train(start, data, key, None, coupling)
+    errors = [
+        conditional_squared_w2(sampler(network, nfe=nfe), data, n=500, generator=generator)
+        for nfe in NFE
+    ]
+    coupling.observe(network, SETTING["steps"])
+    stream = coupling.stream(data, batch_size=64, generator=torch.Generator().manual_seed(77))
+    pairs = [next(stream) for _ in range(32)]
+    skew = prior_skew(
+        torch.cat([p.x0 for p in pairs]), torch.cat([p.c for p in pairs]), generator=generator
+    )
+    return {
+        "conditional_squared_w2": [round(e, 4) for e in errors],
+        "skew": round(skew.statistic, 4),
+        "skew_flagged": skew.flagged,
+        "evaluations_per_step": getattr(coupling, "evaluations", 0),
+    }
+
+
+def compute(key: dict[str, Any]) -> dict[str, Any]:
+    """One cell."""
+    return labelled(key) if key["data"] == "petals" else two_modes(key)
+
+
+def main() -> None:
+    """Fill the table and print it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--output", type=Path, default=RESULTS / "mac.json")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    table = Table(
+        options.output,
+        question=__doc__.splitlines()[0],
+        protocol={**SETTING, "nfe": NFE, "warmup_steps": WARMUP, "spread": SPREAD},
+    )
+    parts = {"equal": METHODS, "unequal": METHODS, "petals": ON_PETALS}
+    keys = [
+        {"data": data, "method": method, "seed": seed}
+        for seed in range(SETTING["seeds"])
+        for data, methods in parts.items()
+        for method in ["floor", *methods]
+    ]
+    table.fill(keys, compute)
+    for data, methods in parts.items():
+        name = "conditional_squared_w2" if data == "petals" else "squared_w2"
+        for method in methods:
+            rows = [
+                cell
+                for cell in table.document["cells"]
+                if (cell["key"]["data"], cell["key"]["method"]) == (data, method)
+            ]
+            means = torch.tensor([row[name] for row in rows]).mean(dim=0).tolist()
+            words = "".join(f"{value:8.3f}" for value in means)
+            if data == "petals":
+                more = [row["skew"] for row in rows]
+            else:
+                more = [row["upper"][-1] for row in rows]
+            print(f"{data:8s}{method:20s}{words}   {more}")
+
+
+if __name__ == "__main__":
+    main()
