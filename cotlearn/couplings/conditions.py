@@ -33,16 +33,15 @@ def standardise(c: Tensor, *, reference: Tensor | None = None) -> Tensor:
     reference = c if reference is None else check_condition(reference, "reference")
     if reference.shape[1] != c.shape[1]:
         raise ValueError(f"reference has {reference.shape[1]} columns, c has {c.shape[1]}")
-    std = reference.std(dim=0, unbiased=False)
-    centred = c - reference.mean(dim=0)
-    return torch.where(std > 0, centred / std, torch.zeros_like(centred))
+    return _scaled(c, *_mean_and_std(reference))
 
 
 def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | None = None) -> Tensor:
     """Several named conditions as one: each standardised, then weighed.
 
     The squared distance of the result is sum_name w_name |difference|^2 / columns, on average 2
-    for each condition of weight 1, whatever its scale and its number of columns.
+    for each condition of weight 1, whatever its scale and its number of columns (constant columns
+    do not count).
 
     Args:
         conditions: name -> (n, k_name).
@@ -59,7 +58,8 @@ def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | Non
     for name, c in conditions.items():
         check_same_rows(check_condition(c, name), name, first, first_name)
         weight = check_number(weights.get(name, 1.0), f"weights[{name!r}]")
-        parts.append(standardise(c) * math.sqrt(weight / c.shape[1]))
+        varying = max(1, int((c != c[0]).any(dim=0).sum()))
+        parts.append(standardise(c) * math.sqrt(weight / varying))
     return torch.cat(parts, dim=1)
 
 
@@ -88,8 +88,8 @@ class KMeansCondition:
         c = check_condition(c)
         if self.clusters > len(c):
             raise ValueError(f"clusters must be at most the {len(c)} rows of c: {self.clusters}")
-        mean, std = c.mean(dim=0), c.std(dim=0, unbiased=False)
-        scaled = to_numpy(standardise(c))
+        mean, std = _mean_and_std(c)
+        scaled = to_numpy(_scaled(c, mean, std))
         distinct = np.unique(scaled, axis=0)
         if len(distinct) <= self.clusters:
             centroids = distinct
@@ -112,9 +112,7 @@ class KMeansCondition:
         mean, std = self._fitted["mean"].to(c.device), self._fitted["std"].to(c.device)
         if c.shape[1] != len(mean):
             raise ValueError(f"c has {c.shape[1]} columns, this was fitted on {len(mean)}")
-        scaled = torch.where(std > 0, (c - mean) / std, torch.zeros_like(c))
-        parts = scaled.split(max(1, 10_000_000 // len(centroids)))
-        return torch.cat([torch.cdist(part, centroids).argmin(dim=1) for part in parts])
+        return _nearest(_scaled(c, mean, std), centroids)
 
     def __call__(self, c: Tensor) -> Tensor:
         """The centroid of each row, (n, k)."""
@@ -186,11 +184,16 @@ class PCAKMeansCondition:
         """Principal components and proprioception, (n, components + other columns)."""
         pixels, rest = self._split(check_condition(c))
         fitted = self._ready()
+        if pixels.shape[1] != len(fitted["mean"]):
+            raise ValueError(
+                f"c has {pixels.shape[1]} columns of pixels, this was fitted on "
+                f"{len(fitted['mean'])}"
+            )
         return torch.cat([(pixels - fitted["mean"]) @ fitted["basis"].T, rest], dim=1)
 
     def labels(self, c: Tensor) -> Tensor:
         """The number of the nearest centroid, (n,)."""
-        return torch.cdist(self.project(c), self._ready()["centroids"]).argmin(dim=1)
+        return _nearest(self.project(c), self._ready()["centroids"])
 
     def __call__(self, c: Tensor) -> Tensor:
         """The centroid of each row, (n, components + other columns)."""
@@ -220,6 +223,24 @@ class PCAKMeansCondition:
             f"PCAKMeansCondition(pixels={self.pixels}, components={self.components}, "
             f"clusters={self.clusters}, seed={self.seed})"
         )
+
+
+def _mean_and_std(c: Tensor) -> tuple[Tensor, Tensor]:
+    """Of each column; the standard deviation of a constant column is 0, whatever rounding says."""
+    varies = (c != c[0]).any(dim=0)
+    return c.mean(dim=0), torch.where(varies, c.std(dim=0, unbiased=False), 0)
+
+
+def _scaled(c: Tensor, mean: Tensor, std: Tensor) -> Tensor:
+    centred = c - mean
+    return torch.where(std > 0, centred / std, torch.zeros_like(centred))
+
+
+def _nearest(rows: Tensor, centroids: Tensor) -> Tensor:
+    """The number of the nearest centroid; in float64, or near conditions are mistaken."""
+    parts = rows.split(max(1, 10_000_000 // len(centroids)))
+    points = centroids.double()
+    return torch.cat([torch.cdist(part.double(), points).argmin(dim=1) for part in parts])
 
 
 def _k_means(rows: Any, clusters: int, seed: int) -> Any:

@@ -1,0 +1,207 @@
+"""What the coupling sees of a condition, against numpy and brute force."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from cotlearn.couplings import KMeansCondition, PCAKMeansCondition, combine, standardise
+from cotlearn.storage import load_tensors, save_tensors
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def rows(n=400, k=3, seed=0):
+    scale = torch.tensor([1.0, 1e4, 1e-3])[:k]
+    return scale * torch.randn(n, k, generator=seeded(seed)) + 5 * scale
+
+
+def mean_squared_distance(c):
+    return float((c[:, None] - c[None]).square().sum(dim=2).mean())
+
+
+def nearest(points, centroids):
+    """The definition, in float64."""
+    distances = ((points.double()[:, None] - centroids.double()[None]) ** 2).sum(dim=2)
+    return distances.argmin(dim=1)
+
+
+def test_standardise():
+    c = rows()
+    z = standardise(c)
+    expected = (c.double() - c.double().mean(dim=0)) / c.double().std(dim=0, unbiased=False)
+    assert torch.allclose(z.double(), expected, atol=1e-4)
+    part = standardise(c[:50], reference=c)
+    assert torch.allclose(part, z[:50])
+    assert torch.equal(c, rows())
+
+
+@pytest.mark.parametrize("n", [1, 3, 10, 1000, 1797])
+@pytest.mark.parametrize("value", [0.0, 0.1, 1 / 3, -2.3, 1e4 + 0.1])
+def test_constant_columns_become_zero_in_spite_of_rounding(n, value):
+    c = torch.full((n, 2), value)
+    assert (standardise(c) == 0).all()
+    assert (KMeansCondition(1).fit(c)(c) == 0).all()
+    assert (standardise(c + 1, reference=c) == 0).all()
+
+
+def test_integers_and_bools_are_numbers():
+    c = torch.tensor([[0, 1], [2, 1], [4, 1]])
+    assert torch.allclose(standardise(c)[:, 0], torch.tensor([-1.0, 0.0, 1.0]) * math.sqrt(1.5))
+    assert KMeansCondition(2).fit(c[:, :1] > 1).labels(c[:, :1] > 1).unique().tolist() == [0, 1]
+
+
+def test_combine_gives_each_condition_its_weight_whatever_its_scale():
+    pose, goal = rows(k=3), rows(k=2, seed=1)
+    together = combine({"pose": pose, "goal": goal}, {"goal": 9.0})
+    assert together.shape == (400, 5)
+    assert mean_squared_distance(together[:, :3]) == pytest.approx(2, rel=1e-3)
+    assert mean_squared_distance(together[:, 3:]) == pytest.approx(18, rel=1e-3)
+    assert (combine({"pose": pose, "goal": goal}, {"goal": 0})[:, 3:] == 0).all()
+
+
+def test_constant_columns_take_nothing_from_the_weight_of_the_others():
+    image = torch.cat([rows(k=2), torch.ones(400, 6)], dim=1)  # a dark border, for instance
+    assert mean_squared_distance(combine({"image": image})) == pytest.approx(2, rel=1e-3)
+    assert (combine({"nothing": torch.ones(4, 2)}) == 0).all()
+
+
+def test_a_cluster_is_the_nearest_centroid():
+    c = rows(600)
+    fitted = KMeansCondition(12, seed=3).fit(c)
+    assert fitted.centroids.shape == (12, 3)
+    label = fitted.labels(c)
+    assert torch.equal(label, nearest(standardise(c), fitted.centroids))
+    assert torch.equal(fitted(c), fitted.centroids[label])
+    new = rows(50, seed=9)  # in the units of the training set, not of the new rows
+    assert torch.equal(fitted.labels(new), nearest(standardise(new, reference=c), fitted.centroids))
+
+
+def test_scale_of_a_column_does_not_matter():
+    """The second column is 10^7 times the third; clusters split all alike."""
+    c = rows(600)
+    scaled = c * torch.tensor([1.0, 1e-4, 1e3])
+    assert torch.equal(
+        KMeansCondition(8).fit(c).labels(c), KMeansCondition(8).fit(scaled).labels(scaled)
+    )
+
+
+def test_few_distinct_conditions_get_a_cluster_each():
+    """Also where they lie close together (float32 distances by matrix product mix them up)."""
+    base = torch.randn(60, 8, generator=seeded())
+    c = torch.cat([base, base[:4] + 1e-4]).repeat(4, 1)
+    label = KMeansCondition(64).fit(c).labels(c)
+    expected = torch.arange(64).repeat(4)
+    assert len(set(zip(label.tolist(), expected.tolist(), strict=True))) == 64
+    assert len(label.unique()) == 64
+
+
+def test_k_means_is_as_good_as_it_should_be():
+    centres = torch.tensor([[-9.0, 0.0], [0.0, 9.0], [9.0, 0.0], [0.0, -9.0]])
+    truth = torch.arange(4).repeat(50)
+    c = centres[truth] + torch.randn(200, 2, generator=seeded())
+    label = KMeansCondition(4).fit(c).labels(c)
+    assert len(set(zip(label.tolist(), truth.tolist(), strict=True))) == 4
+
+
+def pixels(n=300, seed=0, brightness=0.0):
+    """Images of 6 pixels that vary in two directions, and one column of proprioception."""
+    g = seeded(seed)
+    basis = torch.linalg.qr(torch.randn(6, 6, generator=seeded(99)))[0]
+    scores = torch.randn(n, 6, generator=g) * torch.tensor([4.0, 2.0, 0.1, 0.1, 0.1, 0.1])
+    return torch.cat([scores @ basis.T + 3 + brightness, torch.randn(n, 1, generator=g)], dim=1)
+
+
+def test_pca_against_the_singular_value_decomposition():
+    c = pixels()
+    fitted = PCAKMeansCondition(pixels=6, components=2, clusters=10).fit(c)
+    images = c[:, :6].double().numpy()
+    _, _, axes = np.linalg.svd(images - images.mean(axis=0), full_matrices=False)
+    expected = (images - images.mean(axis=0)) @ axes[:2].T
+    projected = fitted.project(c).double().numpy()
+    assert projected.shape == (300, 3)
+    np.testing.assert_allclose(np.abs(projected[:, :2]), np.abs(expected), atol=1e-4)
+    assert torch.equal(fitted.project(c)[:, 2], c[:, 6])  # proprioception, unscaled
+    label = fitted.labels(c)
+    centroids = fitted.state_dict()["centroids"]
+    assert torch.equal(label, nearest(fitted.project(c), centroids))
+    assert torch.equal(fitted(c), centroids[label])
+
+
+def test_pca_is_centred_by_the_training_mean_and_not_by_the_batch():
+    """The published code centres each batch by itself, so a row's condition hangs on the others."""
+    c = pixels()
+    fitted = PCAKMeansCondition(components=2, clusters=5).fit(c)
+    assert torch.allclose(fitted.project(c[:7]), fitted.project(c)[:7], atol=1e-5)
+    bright = fitted.project(pixels(brightness=2.0)).mean(dim=0)
+    assert bright.norm() > 0.1  # a batch centred by itself would have mean 0
+    assert torch.allclose(fitted.state_dict()["mean"], c.mean(dim=0), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "make", [lambda: KMeansCondition(7), lambda: PCAKMeansCondition(components=2, clusters=7)]
+)
+def test_what_was_fitted_is_saved_with_the_weights(make, tmp_path):
+    c = pixels()
+    fitted = make().fit(c)
+    save_tensors(tmp_path / "c.safetensors", fitted.state_dict(), {})
+    again = make()
+    with pytest.raises(ValueError, match="not fitted"):
+        again(c)
+    with pytest.raises(ValueError, match="not fitted"):
+        again.labels(c)
+    again.load_state_dict(load_tensors(tmp_path / "c.safetensors")[0])
+    assert torch.equal(again(c), fitted(c))
+    assert torch.equal(again.labels(c), fitted.labels(c))
+
+
+def test_the_same_seed_gives_the_same_clusters():
+    c = rows()
+    assert torch.equal(KMeansCondition(9).fit(c)(c), KMeansCondition(9).fit(c)(c))
+
+
+C = torch.randn(10, 3)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: standardise(C * math.nan), ValueError, "c has NaN"),
+        (lambda: standardise(C[:, 0]), ValueError, "c must have shape"),
+        (
+            lambda: standardise(C, reference=C[:, :2]),
+            ValueError,
+            "reference has 2 columns, c has 3",
+        ),
+        (lambda: combine({}), ValueError, "conditions is empty"),
+        (lambda: combine({"a": C}, {"b": 1.0}), ValueError, r"weights names \['b'\]"),
+        (lambda: combine({"a": C}, {"a": -1.0}), ValueError, r"weights\['a'\] must be at least 0"),
+        (lambda: combine({"a": C}, {"a": math.inf}), ValueError, r"weights\['a'\].*finite"),
+        (lambda: combine({"a": C, "b": C[:4]}), ValueError, "b has 4 rows, a has 10"),
+        (lambda: combine({"pose": C / 0}), ValueError, "pose has NaN or infinite"),
+        (lambda: KMeansCondition(0), ValueError, "clusters must be at least 1"),
+        (lambda: KMeansCondition(2.0), TypeError, "clusters must be an integer"),
+        (lambda: KMeansCondition(11).fit(C), ValueError, "clusters must be at most the 10 rows"),
+        (lambda: KMeansCondition(2).fit(C).labels(C[:, :2]), ValueError, "c has 2 columns"),
+        (lambda: KMeansCondition(2).centroids, ValueError, r"KMeansCondition\(clusters=2.*fit"),
+        (
+            lambda: PCAKMeansCondition(components=4, clusters=2).fit(C),
+            ValueError,
+            "components must",
+        ),
+        (lambda: PCAKMeansCondition(components=2, clusters=11).fit(C), ValueError, "clusters must"),
+        (lambda: PCAKMeansCondition(pixels=4).fit(C), ValueError, "pixels is 4, but c has only 3"),
+        (
+            lambda: PCAKMeansCondition(components=2, clusters=2).fit(C).labels(C[:, :2]),
+            ValueError,
+            "c has 2 columns of pixels, this was fitted on 3",
+        ),
+        (lambda: PCAKMeansCondition().project(C), ValueError, "not fitted"),
+    ],
+)
+def test_bad_input(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
