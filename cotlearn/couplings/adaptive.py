@@ -12,7 +12,7 @@ from torch import Tensor
 
 from cotlearn.couplings.base import squared_distances
 from cotlearn.couplings.conditional import ConditionalOT
-from cotlearn.validation import check_choice
+from cotlearn.validation import check_choice, check_number
 
 COSTS = ("squared", "cosine")
 RESOLUTION = 16  #: weights are powers of 2^(1/16): 4 % apart
@@ -62,7 +62,7 @@ class AdaptiveConditionalOT(ConditionalOT):
             sampling=sampling,
             regularization=regularization,
         )
-        if not 0 < target_ratio < 1:
+        if not 0 < check_number(target_ratio, "target_ratio") < 1:
             raise ValueError(f"target_ratio must lie between 0 and 1, got {target_ratio}")
         self.target_ratio = float(target_ratio)
         self.cost = check_choice(cost, "cost", COSTS)

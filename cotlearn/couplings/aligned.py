@@ -59,11 +59,13 @@ class ModelAligned(Coupling):
         condition_weight: float = 0.0,
     ) -> None:
         self.variant = check_choice(variant, "variant", VARIANTS)
-        if not 0 < fraction <= 1:
+        if not 0 < check_number(fraction, "fraction") <= 1:
             raise ValueError(f"fraction must be above 0 and at most 1, got {fraction}")
         self.fraction = float(fraction)
         self.boost = check_number(boost, "boost")
         self.warmup_steps = check_count(warmup_steps, "warmup_steps", minimum=0)
+        if not isinstance(regularization, tuple | list) or len(regularization) != 2:
+            raise TypeError(f"regularization must be two numbers, got {regularization!r}")
         first, last = (check_number(value, "regularization") for value in regularization)
         if min(first, last) == 0:
             raise ValueError(f"regularization must be above 0, got {regularization}")
@@ -93,7 +95,8 @@ class ModelAligned(Coupling):
         if self.variant == "full":
             return Match(rows, self._assign(x0, x1, c))
         errors = self.row_errors(x0, x1, c)
-        chosen = max(1, int(len(x0) * self._falling(1.0, self.fraction)))
+        share = self._falling(1.0, self.fraction)
+        chosen = max(1, int(len(x0) * share + 1e-9))  # floor(B p): 10 * 0.2 must not be 1.99...
         order = errors.argsort()
         weight = torch.full_like(errors, 0.0 if self.variant == "topk" else 1.0)
         weight[order[:chosen]] = 1.0 if self.variant == "topk" else 1.0 + self.boost

@@ -22,7 +22,13 @@ from cotlearn.couplings.base import (
 )
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.progress import progress_bar
-from cotlearn.validation import check_condition, check_count, check_matrix, check_number
+from cotlearn.validation import (
+    check_condition,
+    check_count,
+    check_matrix,
+    check_number,
+    check_same_rows,
+)
 
 
 class SemidiscreteOT(Coupling):
@@ -193,6 +199,8 @@ class SemidiscreteOT(Coupling):
 
     def _prepare(self, x1: Tensor, c: Tensor | None) -> None:
         check_matrix(x1, "x1")
+        if c is not None:
+            check_same_rows(check_condition(c), "c", x1, "x1")
         if c is None and (self.condition_weight or self.clusters):
             raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
         self._x1 = x1.detach().to("cpu", torch.float32)
