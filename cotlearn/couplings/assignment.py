@@ -52,7 +52,7 @@ def exact_permutation(cost: Array, *, dim: int | None = None) -> Index:
     Raises:
         ValueError: the cost is not square, is empty, or is not finite.
     """
-    cost = _check_cost(cost)
+    cost = _enlarged(_check_cost(cost))
     if dim is not None and dim <= FEW_DIMENSIONS:
         columns = _simplex(cost) if len(cost) >= LARGE_BATCH else linear_sum_assignment(cost)[1]
     elif len(cost) >= LARGE_BATCH_MANY_DIMENSIONS:
@@ -115,6 +115,13 @@ def draw_pairs(plan: Array, n: int, rng: np.random.Generator) -> tuple[Index, In
     drawn = rng.choice(flat.size, size=n, p=flat / flat.sum())
     rows, columns = np.divmod(drawn, plan.shape[1])
     return rows, columns
+
+
+def _enlarged(cost: Array) -> Array:
+    """The cost times a power of two, so that POT's absolute tolerance (1e-14) is far below it."""
+    _, exponent = np.frexp(np.abs(cost).max())
+    large: Array = np.ldexp(cost, 40 - exponent)
+    return large
 
 
 def _check_cost(cost: Array) -> Array:

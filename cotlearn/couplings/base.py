@@ -190,8 +190,17 @@ class Coupling:
         """Take back what `state_dict` gave."""
 
     def __repr__(self) -> str:
-        options = ", ".join(f"{k}={v!r}" for k, v in vars(self).items() if not k.startswith("_"))
+        options = ", ".join(
+            f"{name}={_spelled(value)}"
+            for name, value in vars(self).items()
+            if not name.startswith("_")
+        )
         return f"{type(self).__name__}({options})"
+
+
+def _spelled(value: object) -> str:
+    """`repr`, but a function by its name: a checkpoint compares these texts between processes."""
+    return getattr(value, "__qualname__", None) or repr(value)
 
 
 def draw_noise(x1: Tensor, source: Source | None, generator: torch.Generator) -> Tensor:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Coupling, Match, squared_distances, to_numpy
 from cotlearn.couplings.optimal import MinibatchOT
-from cotlearn.validation import check_choice, check_condition, check_number
+from cotlearn.validation import check_choice, check_condition, check_number, check_same_rows
 
 LABELS = ("target", "source")
 BALANCED = "balanced"
@@ -93,6 +93,7 @@ class ConditionalOT(Coupling):
         numbers = check_condition(c)
         if self.condition is not None:
             numbers = check_condition(self.condition(numbers), "condition(c)")
+            check_same_rows(numbers, "condition(c)", c, "c")
         own = rng.permutation(len(x0))  # c0 = c[own]
         sample_cost = squared_distances(x0, x1)
         if self.condition_weight == math.inf:
@@ -100,7 +101,13 @@ class ConditionalOT(Coupling):
         else:
             condition_cost = self.condition_cost(numbers[torch.from_numpy(own)], numbers)
             weight = self.weight(sample_cost, condition_cost, own)
-            cost = sample_cost + weight * condition_cost
+            with np.errstate(over="ignore"):
+                cost = sample_cost + weight * condition_cost
+            if not np.isfinite(cost).all():
+                raise ValueError(
+                    f"condition_weight {weight:.3g} makes the condition's cost infinite; "
+                    "use math.inf to pair within equal conditions"
+                )
             warn_if_imprecise(sample_cost, cost, weight)
             match = self.solver.pair(cost, rng, dim=x0.shape[1])
         if self.label == "target":
@@ -114,6 +121,7 @@ class ConditionalOT(Coupling):
         numbers = check_condition(c)
         if self.condition is not None:
             numbers = check_condition(self.condition(numbers), "condition(c)")
+            check_same_rows(numbers, "condition(c)", c, "c")
         cost, sample_cost = self.condition_cost(numbers, numbers), squared_distances(x0, x1)
         if self.condition_weight == math.inf:
             return float((cost == 0).sum(axis=1).mean())

@@ -215,7 +215,7 @@ def test_a_weight_too_large_for_the_solver_is_said():
 
 def test_a_weight_that_overflows_is_named():
     x0, x1, c = continuous()
-    with pytest.raises(ValueError, match="condition_weight 1e.308 .* infinite"):
+    with pytest.raises(ValueError, match=r"condition_weight 1e.308 .* infinite"):
         ConditionalOT(1e308)(x0, x1, 100 * c)
 
 
