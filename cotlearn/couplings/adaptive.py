@@ -16,6 +16,7 @@ from cotlearn.validation import check_choice, check_number
 
 COSTS = ("squared", "cosine")
 RESOLUTION = 16  #: weights are powers of 2^(1/16): 4 % apart
+LOWEST = -200 * RESOLUTION  #: the smallest weight looked at is 2^-200
 
 
 class AdaptiveConditionalOT(ConditionalOT):
@@ -77,6 +78,8 @@ class AdaptiveConditionalOT(ConditionalOT):
         """C(c0_i, c_j), shape (B, B); the conditions that came in are not changed."""
         if self.cost == "squared":
             return squared_distances(c0, c)
+        if not (c.any(dim=1).all() and c0.any(dim=1).all()):
+            raise ValueError("cost 'cosine' needs a direction, but rows of the condition c are 0")
         unit0, unit = (torch.nn.functional.normalize(v.double(), dim=1) for v in (c0, c))
         similarity = (unit0 @ unit.T).clamp(-1, 1).cpu().numpy()
         distance: NDArray[np.float64] = 1 - similarity
@@ -102,8 +105,9 @@ class AdaptiveConditionalOT(ConditionalOT):
         if lowest > self.target_ratio:
             raise ValueError(
                 f"target_ratio {self.target_ratio:g} cannot be met: even an infinite weight leaves "
-                f"r(infinity) = {lowest:.4g} of this batch, because conditions are equal; raise "
-                "target_ratio, or use ConditionalOT(math.inf)"
+                f"r(infinity) = {lowest:.4g} of this batch of {len(own)} (pairs of equal "
+                "conditions, each row's own among them); raise target_ratio, take a larger batch, "
+                "or use ConditionalOT(math.inf)"
             )
         self._last = _smallest(lambda k: ratio(_grid(k)) <= self.target_ratio, self._last)
         return _grid(self._last)
@@ -114,14 +118,18 @@ def _grid(k: int) -> float:
 
 
 def _smallest(holds: Callable[[int], bool], start: int) -> int:
-    """The smallest integer for which a condition holds that once true stays true."""
+    """The smallest integer from LOWEST on for which a condition holds that stays true."""
+    start = max(start, LOWEST)
     step = RESOLUTION
     if holds(start):
-        low = start - step
-        while holds(low) and low > -60 * RESOLUTION:
-            step *= 2
+        high, low = start, start - step
+        while low > LOWEST and holds(low):
+            high, step = low, 2 * step
             low -= step
-        high = min(start, low + step)
+        if low <= LOWEST:
+            if holds(LOWEST):
+                return LOWEST
+            low = LOWEST
     else:
         low, high = start, start + step
         while not holds(high):

@@ -1,0 +1,245 @@
+"""C2OT's weight search, against r(w) computed entry by entry."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from cotlearn.couplings import AdaptiveConditionalOT, ConditionalOT, MinibatchOT
+from cotlearn.couplings.base import squared_distances
+
+STEP = 2 ** (1 / 16)
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def batch(n=24, seed=0, scale=1.0):
+    """x1 follows c; every condition differs."""
+    g = seeded(seed)
+    c = torch.randn(n, 2, generator=g)
+    x1 = 2 * c + 0.3 * torch.randn(n, 2, generator=g)
+    return torch.randn(n, 2, generator=g), x1, scale * c
+
+
+def costs(x0, x1, c, own, cost="squared"):
+    """M and C, entry by entry; noise row i has the condition of row own[i]."""
+    n = len(x0)
+    M, C = np.empty((n, n)), np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            M[i, j] = ((x0[i].double() - x1[j].double()) ** 2).sum()
+            a, b = c[own[i]].double(), c[j].double()
+            if cost == "squared":
+                C[i, j] = ((a - b) ** 2).sum()
+            else:
+                C[i, j] = 0 if torch.equal(a, b) else 1 - a @ b / (a.norm() * b.norm())
+    return M, C
+
+
+def naive_ratio(weight, M, C, own):
+    """r(w) = mean_ij [ M_ij + w C_ij <= M_jj ], M_jj with the noise that has condition j."""
+    n = len(M)
+    partner = {int(own[i]): i for i in range(n)}
+    counted = 0
+    for i in range(n):
+        for j in range(n):
+            if math.isinf(weight):
+                counted += C[i, j] == 0 and M[i, j] <= M[partner[j], j]
+            else:
+                counted += M[i, j] + weight * C[i, j] <= M[partner[j], j]
+    return counted / n**2
+
+
+class Watched(AdaptiveConditionalOT):
+    """Keeps what the weight was computed from."""
+
+    def weight(self, sample_cost, condition_cost, own):
+        self.own, self.condition_matrix = own, condition_cost
+        self.found = super().weight(sample_cost, condition_cost, own)
+        return self.found
+
+
+@pytest.mark.parametrize("cost", ["squared", "cosine"])
+@pytest.mark.parametrize("target", [0.06, 0.15, 0.3])
+def test_the_weight_is_the_smallest_of_the_grid_that_meets_the_target(cost, target):
+    x0, x1, c = batch()
+    coupling = Watched(target, cost=cost)
+    coupling(x0, x1, c, generator=seeded())
+    M, C = costs(x0, x1, c, coupling.own, cost)
+    np.testing.assert_allclose(coupling.condition_matrix, C, atol=1e-9)
+    w = coupling.found
+    k = 16 * math.log2(w)
+    assert abs(k - round(k)) < 1e-6  # on the grid
+    assert naive_ratio(w, M, C, coupling.own) <= target
+    assert naive_ratio(w / STEP, M, C, coupling.own) > target
+
+
+def test_the_pairing_is_conditional_ot_with_that_weight():
+    x0, x1, c = batch(40)
+    coupling = Watched(0.1)
+    pairs = coupling(x0, x1, c, generator=seeded(3))
+    expected = ConditionalOT(coupling.found)(x0, x1, c, generator=seeded(3))
+    assert torch.equal(pairs.target_index, expected.target_index)
+    assert torch.equal(pairs.c, c[pairs.target_index])
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e4])
+@pytest.mark.parametrize("last", [-5000, -1500, -160, -1, 0, 7, 160, 1500])
+def test_the_result_does_not_depend_on_the_warm_start(last, scale):
+    x0, x1, c = batch(scale=scale)
+    cold, warm = Watched(0.1), Watched(0.1)
+    warm._last = last
+    cold(x0, x1, c, generator=seeded())
+    warm(x0, x1, c, generator=seeded())
+    assert warm.found == cold.found
+    assert cold.found * scale**2 == pytest.approx(at_scale_one().found, rel=STEP - 1 + 1e-6)
+
+
+def at_scale_one():
+    coupling = Watched(0.1)
+    coupling(*batch(), generator=seeded())
+    return coupling
+
+
+def test_nor_where_any_positive_weight_will_do():
+    """Noise rows that are equal: r(0) counts ties, which the smallest weight breaks."""
+    x0, x1, c = batch(12)
+    x0 = x0[:1].expand(12, -1).clone()
+    found = []
+    for last in (-3300, -700, 0, 900):
+        coupling = Watched(0.5)
+        coupling._last = last
+        coupling(x0, x1, c, generator=seeded())
+        found.append(coupling.found)
+    assert len(set(found)) == 1
+    assert found[0] > 0
+
+
+def test_a_target_that_holds_already_gives_zero_and_keeps_the_start():
+    x0, x1, c = batch()
+    coupling = Watched(0.05)
+    coupling(x0, x1, c, generator=seeded())
+    before = coupling._last
+    coupling.target_ratio = 0.95
+    pairs = coupling(x0, x1, c, generator=seeded())
+    assert coupling.found == 0
+    assert coupling._last == before  # a zero does not stick
+    naive = MinibatchOT()(x0, x1, c)
+    assert torch.equal(pairs.target_index, naive.target_index)
+    coupling.target_ratio = 0.05
+    coupling(x0, x1, c, generator=seeded())
+    assert coupling.found > 0
+
+
+def test_plain_ot_has_a_ratio_of_about_a_half():
+    x0, x1, c = batch(100)
+    own = np.random.default_rng(0).permutation(100)
+    M, C = squared_distances(x0, x1), squared_distances(c[torch.from_numpy(own)], c)
+    partner = np.argsort(own)
+    assert (M[partner, np.arange(100)] >= M).mean() == pytest.approx(0.5, abs=0.1)
+    coupling = Watched(0.9)
+    assert coupling.weight(M, C, own) == 0
+
+
+@pytest.mark.parametrize("classes", [2, 5])
+def test_tied_classes_cannot_go_below_r_of_infinity(classes):
+    """It is (1/K + 1/B)/2 on average, and the error names it."""
+    n, lowest = 60, []
+    for seed in range(30):
+        x0, x1, _ = batch(n, seed=seed)
+        c = torch.eye(classes)[torch.arange(n) % classes]
+        with pytest.raises(
+            ValueError, match=r"target_ratio 0.01 cannot be met.*r\(infinity\)"
+        ) as e:
+            AdaptiveConditionalOT(0.01)(x0, x1, c, generator=seeded(seed))
+        lowest.append(float(str(e.value).split("r(infinity) = ")[1].split()[0]))
+        coupling = Watched(0.01)
+        with pytest.raises(ValueError, match="infinity"):
+            coupling(x0, x1, c, generator=seeded(seed))
+        M, C = costs(x0, x1, c, coupling.own) if seed < 2 else (None, None)
+        if M is not None:
+            assert lowest[-1] == pytest.approx(naive_ratio(math.inf, M, C, coupling.own), rel=1e-3)
+    assert np.mean(lowest) == pytest.approx((1 / classes + 1 / n) / 2, rel=0.05)
+
+
+def test_a_target_above_r_of_infinity_separates_tied_classes():
+    x0, x1, _ = batch(60)
+    c = torch.eye(3)[torch.arange(60) % 3]
+    coupling = Watched(0.25)
+    coupling(x0, x1, c, generator=seeded())
+    M, C = costs(x0, x1, c, coupling.own)
+    assert naive_ratio(coupling.found, M, C, coupling.own) <= 0.25
+
+
+def test_a_batch_too_small_for_the_target_is_told_so():
+    """With all conditions different r(infinity) is 1/B: its own pair always counts."""
+    with pytest.raises(ValueError, match=r"r\(infinity\) = 0.1 "):
+        AdaptiveConditionalOT(0.05)(*batch(10), generator=seeded())
+
+
+def test_constant_conditions_leave_nothing_to_weigh():
+    x0, x1, c = batch()
+    with pytest.raises(ValueError, match=r"r\(infinity\) = 0\.\d"):
+        AdaptiveConditionalOT(0.05)(x0, x1, torch.ones_like(c), generator=seeded())
+
+
+def test_inputs_are_not_changed_by_the_cosine():
+    """The published code normalises the caller's conditions in place."""
+    x0, x1, c = batch(scale=7.0)
+    before = [v.clone() for v in (x0, x1, c)]
+    pairs = AdaptiveConditionalOT(0.1, cost="cosine")(x0, x1, c, generator=seeded())
+    assert all(torch.equal(a, b) for a, b in zip(before, (x0, x1, c), strict=True))
+    assert torch.equal(pairs.c, c[pairs.target_index])
+
+
+def test_the_cosine_sees_directions_only():
+    x0, x1, c = batch()
+    lengths = torch.linspace(0.1, 50, len(c))[:, None]
+    one, other = Watched(0.1, cost="cosine"), Watched(0.1, cost="cosine")
+    first = one(x0, x1, c, generator=seeded())
+    second = other(x0, x1, c * lengths, generator=seeded())
+    assert one.found == other.found
+    assert torch.equal(first.target_index, second.target_index)
+
+
+def test_conditions_without_direction_have_no_cosine():
+    x0, x1, c = batch()
+    with pytest.raises(ValueError, match=r"cosine.*rows of the condition c are 0"):
+        AdaptiveConditionalOT(0.1, cost="cosine")(x0, x1, c * (torch.arange(24) > 3)[:, None])
+
+
+def test_integer_and_bool_conditions():
+    x0, x1, c = batch(30)
+    numbers = (10 * c).round()
+    expected = AdaptiveConditionalOT(0.2)(x0, x1, numbers, generator=seeded()).target_index
+    found = AdaptiveConditionalOT(0.2)(x0, x1, numbers.int(), generator=seeded()).target_index
+    assert torch.equal(found, expected)
+    AdaptiveConditionalOT(0.4)(x0, x1, numbers > 0, generator=seeded())
+
+
+def test_its_constructors_and_name():
+    coupling = AdaptiveConditionalOT.from_target_ratio(0.2, cost="cosine")
+    assert (coupling.target_ratio, coupling.cost) == (0.2, "cosine")
+    assert coupling.name == "adaptive"
+    assert "0.2" in repr(coupling)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda b: AdaptiveConditionalOT(0.0), ValueError, "target_ratio must lie between"),
+        (lambda b: AdaptiveConditionalOT(1.0), ValueError, "target_ratio must lie between"),
+        (lambda b: AdaptiveConditionalOT(math.nan), ValueError, "target_ratio"),
+        (lambda b: AdaptiveConditionalOT("small"), TypeError, "target_ratio must be a number"),
+        (lambda b: AdaptiveConditionalOT(cost="l1"), ValueError, "cost must be one of"),
+        (lambda b: AdaptiveConditionalOT()(b[0], b[1]), TypeError, "needs the conditions c"),
+        (lambda b: AdaptiveConditionalOT()(b[0], b[1], b[2] / 0), ValueError, "c has NaN"),
+        (lambda b: AdaptiveConditionalOT()(b[0], b[1], b[2][:5]), ValueError, "c has 5 rows"),
+    ],
+)
+def test_bad_input(call, error, message):
+    with pytest.raises(error, match=message):
+        call(batch())
