@@ -37,8 +37,9 @@ class StratifiedOT(Coupling):
     straighten more. `docs`: this project's own form of conditional OT.
 
     Args:
-        clusters: K clusters by k-means on the standardised conditions; a fitted or unfitted
-            `KMeansCondition` or `PCAKMeansCondition`; or None: one per distinct condition.
+        clusters: K clusters by k-means on the standardised conditions, fitted anew to the data of
+            each stream; a fitted or unfitted `KMeansCondition` or `PCAKMeansCondition`; or None:
+            one per distinct condition.
         rows_per_solve: larger clusters are cut at random into parts of at most this many rows.
         n_samples: rows of an epoch for endless samplers, drawn afresh each epoch.
         seed: of k-means++.
@@ -59,6 +60,7 @@ class StratifiedOT(Coupling):
         n_samples: int | None = None,
         seed: int = 0,
     ) -> None:
+        self._refit = clusters is not None and not isinstance(clusters, Clusters)
         if clusters is not None and not isinstance(clusters, Clusters):
             clusters = KMeansCondition(check_count(clusters, "clusters"), seed=seed)
         self.clusters = clusters
@@ -148,8 +150,8 @@ class StratifiedOT(Coupling):
         return len(data)
 
     def _fit(self, data: Any, seed: int) -> None:
-        """Fit the clusters on the training conditions, unless they are fitted."""
-        if self.clusters is None or self.clusters.state_dict():
+        """Fit the clusters on the training conditions; those that came fitted are kept."""
+        if self.clusters is None or (self.clusters.state_dict() and not self._refit):
             return
         if self.n_samples is None:
             c = data.c
@@ -158,6 +160,7 @@ class StratifiedOT(Coupling):
         if c is None:
             raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
         self.clusters.fit(c)
+        self._labels = None
 
     def _label(self, c: Tensor) -> NDArray[np.int64]:
         if self._labels is not None and self._labels[0] is c:
@@ -190,6 +193,7 @@ class StratifiedOT(Coupling):
         """Take back what `state_dict` gave."""
         if self.clusters is not None and state:
             self.clusters.load_state_dict(state)
+            self._labels, self._refit = None, False
 
 
 def _concatenate(parts: list[Pairs]) -> Pairs:

@@ -1,0 +1,289 @@
+"""One exact assignment per cluster and epoch."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy.optimize import linear_sum_assignment
+
+from cotlearn import mixtures
+from cotlearn.couplings import KMeansCondition, PCAKMeansCondition, StratifiedOT
+from cotlearn.couplings.base import draw_noise, generator_for, squared_distances
+from cotlearn.datasets import Dataset
+from cotlearn.diagnostics import prior_skew
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def numbered(n=60, classes=3, seed=0):
+    """Rows that can be told apart by x1[:, 0] = row number (divided by n)."""
+    g = seeded(seed)
+    x1 = torch.cat([torch.arange(n)[:, None] / n, torch.randn(n, 1, generator=g)], dim=1)
+    label = torch.randint(classes, (n,), generator=g)
+    return Dataset(x1, torch.eye(classes)[label])
+
+
+def continuous(n=120, seed=0):
+    g = seeded(seed)
+    c = torch.rand(n, 1, generator=g)
+    return Dataset(torch.cat([c, torch.randn(n, 1, generator=g)], dim=1), c)
+
+
+def take(coupling, data, count, **options):
+    options = {"batch_size": 20, "generator": seeded(5), **options}
+    return list(itertools.islice(coupling.stream(data, **options), count))
+
+
+def joined(batches, name):
+    return torch.cat([getattr(batch, name) for batch in batches])
+
+
+def same(a, b):
+    return all(torch.equal(getattr(a, n), getattr(b, n)) for n in ("x0", "x1", "c"))
+
+
+def cost(x0, x1):
+    return float((x0.double() - x1.double()).square().sum())
+
+
+def test_each_epoch_uses_each_row_once():
+    data = numbered()
+    batches = take(StratifiedOT(), data, 6)
+    for epoch in (batches[:3], batches[3:]):
+        used = (joined(epoch, "x1")[:, 0] * 60).round().long()
+        assert torch.equal(used.sort().values, torch.arange(60))
+        assert torch.equal(data.c[used], joined(epoch, "c"))
+    assert not torch.equal(joined(batches[:3], "x1"), joined(batches[3:], "x1"))
+    assert len(joined(batches, "x0").unique(dim=0)) == 120  # fresh noise each epoch
+
+
+def test_noise_in_a_cluster_is_a_permutation_of_fresh_noise():
+    """Drawn without looking at the data: so p(x0 | cluster) is the prior, exactly."""
+    data = numbered()
+    epoch = take(StratifiedOT(), data, 3)
+    fresh = draw_noise(data.x1, None, generator_for(seeded(5).initial_seed(), 0))
+    x0, c = joined(epoch, "x0"), joined(epoch, "c")
+    for condition in torch.eye(3):
+        own = (data.c == condition).all(dim=1)
+        paired = (c == condition).all(dim=1)
+        expected, found = fresh[own], x0[paired]
+        assert torch.equal(expected[expected[:, 0].argsort()], found[found[:, 0].argsort()])
+
+
+@pytest.mark.parametrize("clusters", [None, 2, KMeansCondition(3)])
+def test_the_plan_of_each_cluster_is_optimal(clusters):
+    data = numbered() if clusters is None else continuous()
+    coupling = StratifiedOT(clusters)
+    x0 = torch.randn(len(data), 2, generator=seeded(1))
+    pairs = coupling(x0, data.x1, data.c, generator=seeded())
+    label = data.c.argmax(dim=1) if clusters is None else coupling.clusters.labels(data.c)
+    assert len(label.unique()) > 1
+    assert torch.equal(label[pairs.source_index], label[pairs.target_index])
+    assert torch.equal(pairs.target_index.sort().values, torch.arange(len(data)))
+    for k in label.unique():
+        rows = label == k
+        matrix = squared_distances(x0[rows], data.x1[rows])
+        best = matrix[linear_sum_assignment(matrix)].sum()
+        mine = rows[pairs.source_index]
+        assert cost(pairs.x0[mine], pairs.x1[mine]) == pytest.approx(best, rel=1e-9)
+
+
+def test_one_cluster_is_plain_ot():
+    data = continuous()
+    x0 = torch.randn(120, 2, generator=seeded(1))
+    pairs = StratifiedOT(1)(x0, data.x1, data.c, generator=seeded())
+    matrix = squared_distances(x0, data.x1)
+    assert cost(pairs.x0, pairs.x1) == pytest.approx(matrix[linear_sum_assignment(matrix)].sum())
+
+
+def test_large_clusters_are_cut_into_even_parts_of_at_most_rows_per_solve():
+    data = numbered(200, classes=2)
+    coupling = StratifiedOT(rows_per_solve=32)
+    label = coupling._label(data.c)
+    parts = list(coupling._solves(label, np.random.default_rng(0)))
+    assert sorted(np.concatenate(parts)) == list(range(200))
+    sizes = np.bincount(label)
+    for k in (0, 1):
+        mine = [len(part) for part in parts if label[part[0]] == k]
+        assert len(mine) == math.ceil(sizes[k] / 32)
+        assert max(mine) - min(mine) <= 1
+        assert max(mine) <= 32
+    assert all(len(set(label[part])) == 1 for part in parts)
+    x0 = torch.randn(200, 2, generator=seeded(1))
+    cut = coupling(x0, data.x1, data.c, generator=seeded())
+    whole = StratifiedOT()(x0, data.x1, data.c, generator=seeded())
+    independent = cost(x0, data.x1)
+    assert cost(whole.x0, whole.x1) < cost(cut.x0, cut.x1) < independent
+    average = sum(len(part) ** 2 for part in parts) / 200
+    assert coupling.candidates(x0, data.x1, data.c) == pytest.approx(average, rel=0.02)
+
+
+def test_clusters_of_one_member_pair_with_themselves():
+    data = continuous(30)
+    x0 = torch.randn(30, 2)
+    pairs = StratifiedOT()(x0, data.x1, data.c)  # None: every condition differs
+    assert torch.equal(pairs.target_index, pairs.source_index)
+    one = Dataset(torch.randn(8, 2), torch.tensor([[0.0]] * 7 + [[100.0]]))
+    pairs = StratifiedOT(2)(torch.randn(8, 2), one.x1, one.c)
+    assert pairs.target_index[7] == 7
+    assert take(StratifiedOT(2), one, 2, batch_size=4)[0].x1.shape == (4, 2)
+
+
+@pytest.mark.parametrize("clusters", [None, 4])
+def test_constant_conditions_are_one_cluster(clusters):
+    data = Dataset(torch.randn(40, 2, generator=seeded()), torch.full((40, 1), 0.1))
+    x0 = torch.randn(40, 2, generator=seeded(1))
+    pairs = StratifiedOT(clusters)(x0, data.x1, data.c)
+    matrix = squared_distances(x0, data.x1)
+    assert cost(pairs.x0, pairs.x1) == pytest.approx(matrix[linear_sum_assignment(matrix)].sum())
+
+
+def test_duplicate_rows_are_all_used():
+    twice = numbered(20)
+    data = Dataset(twice.x1.repeat(2, 1), twice.c.repeat(2, 1))
+    used = (joined(take(StratifiedOT(), data, 2), "x1")[:, 0] * 20).round().long()
+    assert torch.bincount(used).tolist() == [2] * 20
+
+
+@pytest.mark.parametrize("dtype", [torch.int64, torch.bool])
+def test_integer_and_bool_conditions(dtype):
+    data = numbered()
+    x0 = torch.randn(60, 2)
+    expected = StratifiedOT()(x0, data.x1, data.c)
+    for clusters in (None, 3):
+        pairs = StratifiedOT(clusters)(x0, data.x1, data.c.to(dtype))
+        assert torch.equal(pairs.target_index, expected.target_index)
+        assert pairs.c.dtype == dtype
+    assert len(take(StratifiedOT(3), Dataset(data.x1, data.c.to(dtype)), 2)) == 2
+
+
+def test_a_condition_of_another_scale_makes_the_same_clusters():
+    g = seeded()
+    c = torch.randn(200, 2, generator=g)
+    x1, x0 = torch.randn(200, 2, generator=g), torch.randn(200, 2, generator=g)
+    plain = StratifiedOT(6)(x0, x1, c, generator=seeded())
+    scaled = StratifiedOT(6)(x0, x1, c * torch.tensor([1.0, 1e4]), generator=seeded())
+    assert torch.equal(plain.target_index, scaled.target_index)
+
+
+def test_the_prior_is_not_skewed_on_labels():
+    flagged = []
+    for seed in range(5):
+        coupling = StratifiedOT(n_samples=1000)
+        batch = take(coupling, mixtures.petals(), 1, batch_size=1000, generator=seeded(seed))[0]
+        flagged.append(prior_skew(batch.x0, batch.c, generator=seeded(seed)).flagged)
+    assert sum(flagged) == 0
+
+
+def test_coarse_clusters_on_a_moving_condition_are_skewed_inside():
+    """What the docstring says: inside a cluster x0 still depends on c."""
+    coupling = StratifiedOT(2, n_samples=1000)
+    batch = take(coupling, mixtures.moving_modes(), 1, batch_size=1000)[0]
+    assert prior_skew(batch.x0, batch.c, generator=seeded()).flagged
+
+
+def test_endless_data_need_an_epoch():
+    with pytest.raises(TypeError, match=r"endless.*n_samples"):
+        take(StratifiedOT(), mixtures.petals(), 1)
+    coupling = StratifiedOT(n_samples=60)
+    batches = take(coupling, mixtures.petals(), 6)
+    x1 = joined(batches, "x1")
+    assert len(x1.unique(dim=0)) == 120  # drawn afresh
+    epoch = mixtures.petals().sample(60, generator=generator_for(5, 0))[0]
+    assert torch.equal(x1[:60][x1[:60, 0].argsort()], epoch[epoch[:, 0].argsort()])
+
+
+def test_data_smaller_than_the_batch_put_epochs_together():
+    data = numbered(12)
+    batches = take(StratifiedOT(), data, 3, batch_size=30)
+    for batch in batches:
+        assert len(batch) == 30
+        used = torch.bincount((batch.x1[:, 0] * 12).round().long(), minlength=12)
+        assert used.sum() == 30
+        assert used.max() <= 3  # three epochs
+        assert used.min() >= 0
+    assert len(joined(batches, "x0").unique(dim=0)) == 90
+
+
+@pytest.mark.parametrize("clusters", [None, 4])
+@pytest.mark.parametrize("batch_size", [20, 25, 60, 130])
+def test_a_stream_resumes_where_it_stopped(clusters, batch_size):
+    data = numbered()
+    whole = take(StratifiedOT(clusters), data, 8, batch_size=batch_size)
+    for start in (1, 2, 3, 5):
+        part = take(StratifiedOT(clusters), data, 3, batch_size=batch_size, start=start)
+        assert all(same(a, b) for a, b in zip(part, whole[start:], strict=False))
+    assert not same(whole[0], whole[1])
+
+
+def test_a_coupling_that_was_used_before_gives_the_same_numbers():
+    """Clusters of one's own are fitted to the data of the stream, not to those of the last one."""
+    fresh = take(StratifiedOT(4), continuous(), 3)
+    used = StratifiedOT(4)
+    take(used, continuous(seed=8), 2)
+    again = take(used, continuous(), 3)
+    assert all(same(a, b) for a, b in zip(fresh, again, strict=True))
+
+
+def test_clusters_that_were_fitted_stay_as_they_are():
+    fitted = KMeansCondition(3).fit(continuous(seed=8).c)
+    centroids = fitted.centroids.clone()
+    take(StratifiedOT(fitted), continuous(), 2)
+    assert torch.equal(fitted.centroids, centroids)
+
+
+def test_clusters_are_saved_with_a_training():
+    coupling = StratifiedOT(4)
+    before = take(coupling, continuous(), 3)
+    again = StratifiedOT(4)
+    again.load_state_dict(coupling.state_dict())
+    assert torch.equal(again.clusters.centroids, coupling.clusters.centroids)
+    after = take(again, continuous(), 3)
+    assert all(same(a, b) for a, b in zip(before, after, strict=True))
+    assert StratifiedOT().state_dict() == {}
+
+
+def test_pictures_as_conditions():
+    g = seeded()
+    c = torch.randn(100, 16, generator=g)
+    data = Dataset(torch.randn(100, 2, generator=g), c)
+    batches = take(StratifiedOT(PCAKMeansCondition(components=3, clusters=5)), data, 5)
+    assert len(joined(batches, "x1").unique(dim=0)) == 100
+
+
+def test_a_source_of_ones_own():
+    def uniform(n, generator=None):
+        return torch.rand(n, 2, generator=generator)
+
+    x0 = joined(take(StratifiedOT(), numbered(), 3, source=uniform), "x0")
+    assert (x0.min() >= 0) & (x0.max() <= 1)
+    with pytest.raises(ValueError, match=r"source must return a tensor of shape \(60, 2\)"):
+        take(StratifiedOT(), numbered(), 1, source=lambda n, generator=None: torch.rand(n, 3))
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda d: take(StratifiedOT(61), d, 1), ValueError, "clusters must be at most the 60"),
+        (lambda d: StratifiedOT(0), ValueError, "clusters must be at least 1"),
+        (lambda d: StratifiedOT(2.5), TypeError, "clusters must be an integer"),
+        (lambda d: StratifiedOT(rows_per_solve=1), ValueError, "rows_per_solve must be at least"),
+        (lambda d: StratifiedOT(rows_per_solve=5000), ValueError, "rows_per_solve must be at most"),
+        (lambda d: StratifiedOT(n_samples=0), ValueError, "n_samples must be at least 1"),
+        (lambda d: take(StratifiedOT(), d, 1, batch_size=0), ValueError, "batch_size must be"),
+        (lambda d: take(StratifiedOT(), d, 1, ot_batch_size=40), ValueError, "ot_batch_size does"),
+        (lambda d: take(StratifiedOT(), d, 1, start=-1), ValueError, "start must be at least 0"),
+        (lambda d: take(StratifiedOT(), Dataset(d.x1), 1), TypeError, "needs the conditions c"),
+        (lambda d: take(StratifiedOT(2), Dataset(d.x1), 1), TypeError, "needs the conditions c"),
+        (lambda d: StratifiedOT()(d.x1, d.x1), TypeError, "needs the conditions c"),
+        (lambda d: StratifiedOT()(d.x1, d.x1, d.c[:3]), ValueError, "c has 3 rows, x0 has 60"),
+        (lambda d: StratifiedOT()(d.x1, d.x1, d.c.argmax(1)), ValueError, "c must have shape"),
+    ],
+)
+def test_bad_input(call, error, message):
+    with pytest.raises(error, match=message):
+        call(numbered())
