@@ -72,7 +72,7 @@ def cheapest_pairing(answer: Any) -> None:
 def lost_share(answer: Any) -> None:
     """(1 - 1/B)^B."""
     _expect_function(answer)
-    for size in (2, 5, 256):
+    for size in (5, 2, 256):  # at 2 several mistakes look alike
         value = _number(answer(size))
         missed = (1 - 1 / size) ** size
         hints = [

@@ -1,0 +1,143 @@
+"""The mistakes that learners make in notebooks 01 and 02 get a sentence that helps."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from scipy.optimize import linear_sum_assignment
+
+from cotlearn.homework import Verdict, check
+
+
+def columns(cost):
+    return torch.from_numpy(linear_sum_assignment(cost)[1])
+
+
+def line(change_place=None, change_velocity=None):
+    """A right answer to 01.interpolate, with one part replaced."""
+
+    def answer(x0, x1, t):
+        t = t[:, None]
+        place = (1 - t) * x0 + t * x1
+        wrong = change_velocity(x0, x1, place) if change_velocity else x1 - x0
+        return (change_place(x0, x1, t) if change_place else place), wrong
+
+    return answer
+
+
+def without_rows(x0, x1, t):
+    return (1 - t) * x0 + t * x1, x1 - x0
+
+
+def rule(second_look, whole=lambda x, half, h, first, second: x + h * second, per_step=2):
+    """A midpoint rule with its parts to choose."""
+
+    def answer(velocity, x0, nfe):
+        x, steps = x0, nfe // per_step
+        for k in range(steps):
+            t, h = torch.tensor(k / steps), 1 / steps
+            first = velocity(t, x)
+            half, late = second_look(t, x, h, first)
+            x = whole(x, half, h, first, velocity(late, half))
+        return x
+
+    return answer
+
+
+def right_look(t, x, h, first):
+    return x + h / 2 * first, t + h / 2
+
+
+def euler(velocity, x0, nfe):
+    for k in range(nfe):
+        x0 = x0 + velocity(torch.tensor(k / nfe), x0) / nfe
+    return x0
+
+
+def all_states(velocity, x0, nfe):
+    return x0.expand(nfe + 1, *x0.shape)
+
+
+def greedy(x0, x1):
+    cost, p = torch.cdist(x0, x1), []
+    for row in cost:
+        p.append(int(row.argmin()))
+        cost[:, p[-1]] = math.inf
+    return p
+
+
+def squares(x0, x1, p):
+    return (x0 - x1[p]).square()
+
+
+WRONG = [
+    ("01.interpolate", line(lambda x0, x1, t: t * x0 + (1 - t) * x1), "swapped"),
+    ("01.interpolate", line(lambda x0, x1, t: x0 + t * x1), "not on the line"),
+    ("01.interpolate", line(None, lambda x0, x1, place: x0 - x1), "backwards"),
+    ("01.interpolate", line(None, lambda x0, x1, place: x1 - place), "the way that is left"),
+    ("01.interpolate", line(None, lambda x0, x1, place: place), "twice"),
+    ("01.interpolate", line(None, lambda x0, x1, place: x1), "differentiate"),
+    ("01.interpolate", without_rows, "RuntimeError"),
+    ("01.interpolate", lambda x0, x1, t: x1 - x0, "two things"),
+    ("01.interpolate", lambda x0, x1, t: (x0[:2], x1), "shape"),
+    ("01.interpolate", 3, "function"),
+    ("01.velocity_from_end", lambda t, x, end: end - x, "time that is left"),
+    ("01.velocity_from_end", lambda t, x, end: (end - x) / t[:, None], "has passed"),
+    ("01.velocity_from_end", lambda t, x, end: (x - end) / (1 - t[:, None]), "away"),
+    ("01.velocity_from_end", lambda t, x, end: end - x / (1 - t[:, None]), "bracket"),
+    ("01.velocity_from_end", lambda t, x, end: (end - x) * (1 - t[:, None]), "divide"),
+    ("01.velocity_from_end", lambda t, x, end: (end - x) / (1 - t), "RuntimeError"),
+    ("01.velocity_from_end", lambda t, x, end: end, "solve"),
+    ("01.midpoint", euler, "this is Euler"),
+    ("01.midpoint", rule(right_look, per_step=1), "bought 16"),
+    ("01.midpoint", rule(lambda t, x, h, v: (x + h / 2 * v, t)), "t + h / 2"),
+    ("01.midpoint", rule(lambda t, x, h, v: (x + h * v, t + h / 2)), "half a step"),
+    ("01.midpoint", rule(lambda t, x, h, v: (x + h * v, t + h)), "in its middle"),
+    ("01.midpoint", rule(lambda t, x, h, v: (x, t + h / 2)), "one step"),
+    ("01.midpoint", rule(right_look, lambda x, half, h, a, b: half + h * b), "go back"),
+    (
+        "01.midpoint",
+        rule(lambda t, x, h, v: (x + h * v, t + h), lambda x, half, h, a, b: x + h / 2 * (a + b)),
+        "Heun",
+    ),
+    ("01.midpoint", all_states, "only the last state"),
+    ("02.transport_cost", lambda x0, x1, p: squares(x0, x1, p).sum(), "total"),
+    ("02.transport_cost", lambda x0, x1, p: squares(x0, x1, p).mean(), "sum over coordinates"),
+    ("02.transport_cost", lambda x0, x1, p: (x0 - x1[p]).norm(dim=1).mean(), "distances"),
+    ("02.transport_cost", lambda x0, x1, p: squares(x0[p], x1, ...).sum(1).mean(), "belongs to x1"),
+    ("02.transport_cost", lambda x0, x1, p: squares(x0, x1, ...).sum(1).mean(), "not used"),
+    ("02.transport_cost", lambda x0, x1, p: squares(x0, x1, p).sum(1), "one number"),
+    ("02.cheapest_pairing", lambda x0, x1: torch.cdist(x0, x1).argmin(dim=1), "not a permutation"),
+    ("02.cheapest_pairing", greedy, "greedy"),
+    ("02.cheapest_pairing", lambda x0, x1: columns(torch.cdist(x0, x1)), "squared distance"),
+    ("02.cheapest_pairing", lambda x0, x1: columns(torch.cdist(x1, x0) ** 2), "inverse"),
+    ("02.cheapest_pairing", lambda x0, x1: columns(-(torch.cdist(x0, x1) ** 2)), "dearest"),
+    ("02.cheapest_pairing", lambda x0, x1: torch.arange(len(x0)), "costs"),
+    (
+        "02.cheapest_pairing",
+        lambda x0, x1: linear_sum_assignment(torch.cdist(x0, x1) ** 2),
+        "only the columns",
+    ),
+    ("02.cheapest_pairing", lambda x0, x1: x1, "integers"),
+    ("02.lost_share", lambda B: 1 / math.e, "limit"),
+    ("02.lost_share", lambda B: 1 - (1 - 1 / B) ** B, "left out"),
+    ("02.lost_share", lambda B: 1 - 1 / B, "one draw"),
+    ("02.lost_share", lambda B: B * (1 - 1 / B) ** B, "divide by B"),
+    ("02.lost_share", lambda B: 0.3, "what probability"),
+    ("02.lost_share", lambda B: "a third", "one number"),
+]
+
+
+@pytest.mark.parametrize(("name", "answer", "hint"), WRONG)
+def test_a_mistake_gets_a_hint(name, answer, hint, capsys):
+    assert check(answer, name) is Verdict.NOT_YET
+    assert hint in capsys.readouterr().out
+
+
+def test_arrays_and_lists_are_as_good_as_tensors():
+    def answer(x0, x1):
+        return linear_sum_assignment(torch.cdist(x0, x1) ** 2)[1].tolist()
+
+    assert check(answer, "02.cheapest_pairing") is Verdict.CORRECT
