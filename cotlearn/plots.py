@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import base64
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,8 +26,10 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike, NDArray
 
 COLORS: dict[str, str] = {
@@ -864,6 +866,167 @@ def image_grid(
     if title is not None:
         ax.set_title(title)
     return ax
+
+
+# ---------------------------------------------------------------- the frontier
+
+
+def frontier(
+    points: Iterable[Any],
+    *,
+    errors: Mapping[str, float] | None = None,
+    labels: Mapping[str, str] | None = None,
+    ax: Axes | None = None,
+    title: str | None = None,
+    log: bool = False,
+) -> Axes:
+    """Draw couplings between skew (across) and one-step variance (up); the origin is best.
+
+    Points of conditional OT are joined in their order, so that a sweep of weights is a curve.
+    Bars are the 95 % intervals. Names stand beside the points and do not cover each other.
+
+    Args:
+        points: a `diagnostics.Frontier`, or anything with the attributes of its points: name,
+            coupling, skew, skew_interval, one_step_variance, one_step_variance_interval.
+        errors: name -> a measured error that is written below the name.
+        labels: words where they differ from the names.
+        ax: where to draw; a new figure by default. Its size and limits should be set before.
+        title: words above the panel.
+        log: whether the one-step variance has a logarithmic axis.
+
+    Raises:
+        ValueError: no points, values that are not finite, or errors and labels of unknown names.
+    """
+    shown = list(points)
+    names = [point.name for point in shown]
+    if not shown:
+        raise ValueError("points is empty, expected at least one coupling")
+    for what, given in (("errors", errors), ("labels", labels)):
+        unknown = sorted(set(given or {}) - set(names))
+        if unknown:
+            raise ValueError(f"{what} has {unknown}, which are not among the points {names}")
+    x = np.array([_interval_of(point, "skew") for point in shown])
+    y = np.array([_interval_of(point, "one_step_variance") for point in shown])
+    if log and (y <= 0).any():
+        raise ValueError("one_step_variance must be positive on a logarithmic axis")
+    ax = _axes(ax, figsize=(6.4, 4.2))
+    curve = [k for k, point in enumerate(shown) if point.coupling == "conditional_ot"]
+    ax.plot(x[curve, 1], y[curve, 1], color=COLORS["conditional_ot"], lw=1.0, alpha=0.5, zorder=1)
+    for point, (left, at, right), (low, height, high) in zip(shown, x, y, strict=True):
+        ax.errorbar(
+            at,
+            height,
+            xerr=[[at - left], [right - at]],
+            yerr=[[height - low], [high - height]],
+            color=style_of(point.coupling)["color"],
+            marker=style_of(point.coupling)["marker"],
+            linestyle="none",
+            elinewidth=1.1,
+            zorder=3,
+        )
+    if log:
+        ax.set_yscale("log")
+    elif ax.get_autoscaley_on():
+        ax.set_ylim(bottom=0)
+    ax.axvline(0, color=PATH_COLOR, linewidth=0.8, zorder=0)
+    ax.margins(x=0.12, y=0.08)
+    ax.grid(True)
+    ax.set_xlabel("skew of the noise (0: none)")
+    ax.set_ylabel("one-step variance")
+    if title is not None:
+        ax.set_title(title)
+    texts = [(labels or {}).get(name, name) for name in names]
+    for k, name in enumerate(names):
+        if errors is not None and name in errors:
+            texts[k] += f"\nerror {errors[name]:.2g}"
+    _place_labels(ax, x, y, texts, [style_of(point.coupling)["color"] for point in shown])
+    return ax
+
+
+def _interval_of(point: Any, name: str) -> tuple[float, float, float]:
+    """Low end, value and high end of a point's attribute; the value lies between the ends."""
+    value = float(getattr(point, name))
+    low, high = (float(end) for end in getattr(point, f"{name}_interval"))
+    if not np.isfinite([low, value, high]).all():
+        raise ValueError(f"{name} of {point.name!r} must be finite, got {value} ({low}, {high})")
+    return min(low, value), value, max(high, value)
+
+
+def _place_labels(
+    ax: Axes,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    texts: Sequence[str],
+    colors: Sequence[str],
+) -> None:
+    """Write each text near its point, at the nearest of many places that covers nothing yet.
+
+    x and y are (n, 3): low end, value and high end of the error bars.
+    """
+    figure = ax.figure.get_figure(root=True)
+    assert figure is not None
+    figure.draw_without_rendering()  # so that the layout is final and pixels mean something
+    scale = figure.dpi / 72
+    frame = ax.get_window_extent()
+    at = ax.transData.transform(np.column_stack([x[:, 1], y[:, 1]]))
+    low = ax.transData.transform(np.column_stack([x[:, 0], y[:, 0]]))
+    high = ax.transData.transform(np.column_stack([x[:, 2], y[:, 2]]))
+    taken = []
+    for (left, bottom), (px, py), (right, top) in zip(low, at, high, strict=True):
+        taken.append(
+            Bbox.from_extents(px - 5 * scale, py - 5 * scale, px + 5 * scale, py + 5 * scale)
+        )
+        taken.append(Bbox.from_extents(left, py - scale, right, py + scale))
+        taken.append(Bbox.from_extents(px - scale, bottom, px + scale, top))
+    ways = [
+        (distance, np.cos(angle), np.sin(angle))
+        for distance in (8, 14, 22, 32, 44, 58, 76, 98, 124, 150)
+        for angle in np.deg2rad([0, 180, 35, -35, 90, -90, 145, -145])
+    ]
+    for k in np.argsort(-at[:, 1]):
+        note = ax.annotate(
+            texts[k], (x[k, 1], y[k, 1]), fontsize=8, color=colors[k], in_layout=False
+        )
+        size = note.get_window_extent()
+
+        def box(way: tuple[float, float, float], k: int = k, size: Bbox = size) -> Bbox:
+            """Where the text lies that is so far from its point, in such a direction."""
+            distance, across, up = way
+            left = at[k, 0] + distance * across * scale - size.width * _share(across)
+            bottom = at[k, 1] + distance * up * scale - size.height * _share(up)
+            return Bbox.from_bounds(left, bottom, size.width, size.height)
+
+        def cost(way: tuple[float, float, float], box: Any = box) -> float:
+            here = box(way)
+            inside = _area(here, frame) >= 0.999 * here.width * here.height
+            covered = sum(_area(here, other) for other in taken)
+            return 10_000.0 * (not inside) + 10 * covered + way[0]
+
+        best = min(ways, key=cost)
+        distance, across, up = best
+        note.xyann = (distance * across, distance * up)
+        note.anncoords = "offset points"
+        note.set(
+            ha={0.0: "left", 0.5: "center", 1.0: "right"}[_share(across)],
+            va={0.0: "bottom", 0.5: "center", 1.0: "top"}[_share(up)],
+        )
+        if distance > 14:
+            ends = np.clip(at[k], box(best).p0, box(best).p1)  # the text's nearest point
+            line = ax.transData.inverted().transform([at[k], ends])
+            ax.add_line(Line2D(*line.T, color=colors[k], lw=0.6, alpha=0.6, zorder=2))
+        taken.append(box(best))
+
+
+def _share(direction: float) -> float:
+    """The share of a text that lies before its anchor, for a direction away from its point."""
+    return 0.5 if abs(direction) < 1e-6 else 0.0 if direction > 0 else 1.0
+
+
+def _area(first: Bbox, second: Bbox) -> float:
+    """The area in pixels that two boxes share."""
+    width = min(first.x1, second.x1) - max(first.x0, second.x0)
+    height = min(first.y1, second.y1) - max(first.y0, second.y0)
+    return max(width, 0.0) * max(height, 0.0)
 
 
 # ---------------------------------------------------------------- motion
