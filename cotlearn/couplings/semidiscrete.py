@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -82,6 +83,7 @@ class SemidiscreteOT(Coupling):
         self._groups: list[Tensor] = []
         self._phi: Tensor | None = None
         self._errors = (math.nan, math.nan)
+        self._fitted_to: tuple[Source | None, ...] = ()  # the noise, where it is known
 
     @property
     def marginal_error(self) -> float:
@@ -130,6 +132,7 @@ class SemidiscreteOT(Coupling):
                 bar.update()
         self._phi = average
         self._errors = self._marginal(source)
+        self._fitted_to = (source,)
         return self
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
@@ -182,7 +185,7 @@ class SemidiscreteOT(Coupling):
                 f"ot_batch_size does not apply to {type(self).__name__}, got {ot_batch_size}"
             )
         x1, c = self._whole(data)
-        if not self._is_fitted_to(x1, c):
+        if not self._is_fitted_to(x1, c) or self._fitted_to not in ((), (source,)):
             self.fit(x1, c, source=source)
         seed = torch.initial_seed() if generator is None else generator.initial_seed()
         number = check_count(start, "start", minimum=0)
@@ -273,13 +276,30 @@ class SemidiscreteOT(Coupling):
         rng = generator_for(self.seed, 0, purpose=5)
         own = torch.randint(len(self._data), (256,), generator=rng)
         x0 = draw_noise(self._data[own], source, rng)
-        spread = float(torch.cdist(x0, self._data[own]).square().std())
+        cost = torch.cdist(x0, self._data[own]).square()
+        self._warn_if_imprecise(float(cost.mean()))
+        spread = float(cost.std())
         return 0.05 * spread * math.sqrt(len(self._data) * len(self._groups))
+
+    def _warn_if_imprecise(self, sample_cost: float) -> None:
+        """Say so if rounding of a height is no longer small against the sample's cost."""
+        if not self.condition_weight or self._c is None:
+            return
+        largest = float((self._c - self._c.mean(dim=0)).double().square().sum(dim=1).max())
+        largest *= self.condition_weight
+        if np.finfo(np.float64).eps * largest > 1e-3 * sample_cost:
+            warnings.warn(
+                f"condition_weight {self.condition_weight:.3g} makes the condition's cost up to "
+                f"{largest:.3g}, so large that the search cannot resolve the sample's cost "
+                f"({sample_cost:.3g} on average); use a smaller weight, or clusters",
+                RuntimeWarning,
+                stacklevel=4,
+            )
 
     def _marginal(self, source: Source | None) -> tuple[float, float]:
         """Total variation distance to the uniform marginal, and its floor for as many draws."""
         n = len(self._data)
-        draws = 20 * n if n <= 20_000 else 400_000
+        draws = min(max(20 * n, 20_000), 400_000)
         rng = generator_for(self.seed, 0, purpose=6)
         counts = torch.zeros(n)
         for size in _sizes(draws, 4096):
@@ -302,6 +322,7 @@ class SemidiscreteOT(Coupling):
             self._phi = state["phi"]
             error, floor = state["errors"].tolist()
             self._errors = (error, floor)
+            self._fitted_to = ()
 
 
 def _sizes(total: int, largest: int) -> Iterator[int]:

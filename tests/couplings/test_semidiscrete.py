@@ -1,0 +1,301 @@
+"""Semidiscrete OT against exact assignments, duality and its own definition."""
+
+import itertools
+import math
+
+import numpy as np
+import ot
+import pytest
+import torch
+
+from cotlearn import mixtures
+from cotlearn.couplings import SemidiscreteOT
+from cotlearn.couplings.base import generator_for, squared_distances
+from cotlearn.couplings.conditions import KMeansCondition
+from cotlearn.datasets import Dataset
+from cotlearn.diagnostics import prior_skew
+from cotlearn.storage import load_tensors, save_tensors
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def points(n=24, seed=0):
+    g = seeded(seed)
+    c = torch.eye(2)[torch.arange(n) % 2]
+    return Dataset(torch.randn(n, 2, generator=g) + 3 * c, c)
+
+
+def take(coupling, data, count, batch_size=64, seed=5, **options):
+    stream = coupling.stream(data, batch_size=batch_size, generator=seeded(seed), **options)
+    return list(itertools.islice(stream, count))
+
+
+def joined(batches, name):
+    return torch.cat([getattr(batch, name) for batch in batches])
+
+
+@pytest.fixture(scope="module")
+def data():
+    return points()
+
+
+@pytest.fixture(scope="module")
+def plain(data):
+    return SemidiscreteOT(iterations=1500, batch_size=256).fit(data.x1, progress=False)
+
+
+@pytest.fixture(scope="module")
+def conditional(data):
+    return SemidiscreteOT(20.0, iterations=1500, batch_size=256).fit(
+        data.x1, data.c, progress=False
+    )
+
+
+def test_rows_are_chosen_equally_often(plain, conditional):
+    for coupling in (plain, conditional):
+        assert coupling.marginal_error < coupling.marginal_floor + 0.03
+        assert 0 < coupling.marginal_floor < 0.05
+
+
+def test_the_marginal_error_is_what_a_count_says(plain, data):
+    """And without a fitted potential it is large."""
+    drawn = joined(take(plain, Dataset(data.x1), 100, 240), "target_index")
+    frequency = torch.bincount(drawn, minlength=24) / 24_000
+    distance = float((frequency - 1 / 24).abs().sum() / 2)
+    assert distance == pytest.approx(plain.marginal_error, abs=0.015)
+    nearest = SemidiscreteOT(iterations=1, batch_size=2).fit(data.x1, progress=False)
+    assert nearest.marginal_error > 5 * plain.marginal_error
+
+
+def test_the_search_is_its_definition(conditional, data):
+    """argmin_j |x0 - x1_j|^2 + w |c0 - c_j|^2 - phi_j, pair by pair."""
+    x0 = torch.randn(24, 2, generator=seeded(1))
+    pairs = conditional(x0, data.x1, data.c)
+    phi = conditional.state_dict()["phi"].double()
+    for i in range(24):
+        height = [
+            (x0[i].double() - data.x1[j].double()).square().sum()
+            + 20 * (data.c[i] - data.c[j]).double().square().sum()
+            - phi[j]
+            for j in range(24)
+        ]
+        assert pairs.target_index[i] == int(np.argmin(height))
+    assert torch.equal(pairs.x0, x0)
+    assert torch.equal(pairs.c, data.c[pairs.target_index])
+
+
+@pytest.mark.parametrize("weight", [0.0, 20.0])
+def test_transport_cost_and_dual_are_those_of_the_discretised_problem(
+    plain, conditional, data, weight
+):
+    """Primal, dual and an exact plan from 4,800 noise rows to the 24 points agree."""
+    coupling = conditional if weight else plain
+    given = data if weight else Dataset(data.x1)
+    batches = take(coupling, given, 10, 480)
+    x0, chosen = joined(batches, "x0").double(), joined(batches, "target_index")
+    if weight:  # the noise's condition is that of a random row: draw it again as `stream` does
+        own = torch.cat([conditional_rows(coupling, s) for s in range(10)])
+        source = torch.cat([x0, math.sqrt(weight) * data.c[own].double()], dim=1)
+        target = torch.cat([data.x1.double(), math.sqrt(weight) * data.c.double()], dim=1)
+    else:
+        source, target = x0, data.x1.double()
+    cost = squared_distances(source, target)
+    exact = ot.emd2(np.full(4800, 1 / 4800), np.full(24, 1 / 24), cost)
+    primal = cost[np.arange(4800), chosen.numpy()].mean()
+    phi = coupling.state_dict()["phi"].double().numpy()
+    dual = (cost - phi).min(axis=1).mean() + phi.mean()
+    assert dual <= exact + 1e-9  # weak duality holds for any potential
+    assert dual == pytest.approx(exact, rel=0.01)
+    assert primal == pytest.approx(exact, rel=0.03)
+
+
+def conditional_rows(coupling, number):
+    return torch.randint(24, (480,), generator=generator_for(5, number))
+
+
+def test_each_noise_row_has_as_many_candidates_as_the_data(plain, conditional, data):
+    x0 = torch.randn(24, 2, generator=seeded(1))
+    assert plain.candidates(x0, data.x1) == 24
+    assert conditional.candidates(x0, data.x1, data.c) == pytest.approx(12)  # those of its label
+    assert SemidiscreteOT().candidates(x0, data.x1) == 1
+
+
+def test_clusters_keep_to_themselves():
+    g = seeded()
+    c = torch.rand(200, 1, generator=g)
+    data = Dataset(torch.randn(200, 2, generator=g), c)
+    coupling = SemidiscreteOT(clusters=4, iterations=50, batch_size=64)
+    pairs = coupling(torch.randn(200, 2, generator=g), data.x1, data.c)
+    label = KMeansCondition(4).fit(c).labels(c)
+    assert torch.equal(label[pairs.target_index], label)
+    assert len(pairs.target_index.unique()) > 4
+    sizes = torch.bincount(label).double()
+    assert coupling.candidates(pairs.x0, pairs.x1, c) == pytest.approx(
+        float((sizes**2).sum() / 200)
+    )
+
+
+def test_clusters_are_the_same_as_one_problem_for_each(data):
+    """Two labels as clusters: each cluster's marginal is uniform, and so is the whole."""
+    coupling = SemidiscreteOT(clusters=2, iterations=1500, batch_size=256)
+    coupling.fit(data.x1, data.c, progress=False)
+    assert coupling.marginal_error < coupling.marginal_floor + 0.03
+    apart = SemidiscreteOT(iterations=1500, batch_size=256).fit(data.x1[::2], progress=False)
+    x0 = torch.randn(12, 2, generator=seeded(3))
+    both = torch.randn(24, 2)
+    both[::2] = x0
+    together = coupling(both, data.x1, data.c).target_index[::2] // 2
+    alone = apart(x0, data.x1[::2]).target_index
+    assert (together == alone).float().mean() > 0.7  # up to the noise of both fits
+
+
+def test_splitting_the_search_changes_nothing(plain):
+    x0 = torch.randn(500, 2, generator=seeded(1))
+    rows = torch.arange(500) % 24
+    whole = plain._search(x0, rows)
+    one_by_one = torch.cat([plain._search(x0[i : i + 1], rows[i : i + 1]) for i in range(500)])
+    assert torch.equal(whole, one_by_one)
+
+
+def test_many_rows_are_searched_in_parts():
+    x1 = torch.randn(30_000, 2, generator=seeded())
+    coupling = SemidiscreteOT(iterations=1, batch_size=8)
+    coupling._prepare(x1, None)
+    coupling._phi = torch.randn(30_000, generator=seeded(1))
+    x0 = torch.randn(1500, 2, generator=seeded(2))  # 1,500 x 30,000: more than one part
+    found = coupling._search(x0, torch.zeros(1500, dtype=torch.long))
+    for i in (0, 665, 666, 667, 1499):  # on both sides of the cut
+        height = (x0[i] - x1).double().square().sum(dim=1) - coupling._phi
+        assert found[i] == height.argmin()
+
+
+def test_the_same_seed_gives_the_same_pairs_and_resumes(data):
+    options = {"iterations": 20, "batch_size": 32}
+    first = take(SemidiscreteOT(5.0, **options), data, 5)
+    again = take(SemidiscreteOT(5.0, **options), data, 5)
+    later = take(SemidiscreteOT(5.0, **options), data, 2, start=3)
+    for a, b in zip(first + first[3:], again + later, strict=True):
+        assert torch.equal(a.x0, b.x0)
+        assert torch.equal(a.target_index, b.target_index)
+    assert not torch.equal(first[0].x0, first[1].x0)
+
+
+def test_the_potential_is_saved_with_the_training(conditional, data, tmp_path, monkeypatch):
+    save_tensors(tmp_path / "phi.safetensors", conditional.state_dict(), {})
+    again = SemidiscreteOT(20.0)
+    assert again.state_dict() == {}
+    assert math.isnan(again.marginal_error)
+    again.load_state_dict({})
+    again.load_state_dict(load_tensors(tmp_path / "phi.safetensors")[0])
+    assert again.marginal_error == conditional.marginal_error
+    assert again.marginal_floor == conditional.marginal_floor
+    monkeypatch.setattr(SemidiscreteOT, "fit", lambda *a, **k: pytest.fail("fitted again"))
+    for a, b in zip(take(conditional, data, 3), take(again, data, 3), strict=True):
+        assert torch.equal(a.target_index, b.target_index)
+
+
+def test_other_data_are_fitted_anew(data):
+    coupling = SemidiscreteOT(iterations=5, batch_size=8)
+    take(coupling, Dataset(data.x1), 1)
+    other = Dataset(data.x1 + 1)
+    used = take(coupling, other, 2)
+    fresh = take(SemidiscreteOT(iterations=5, batch_size=8), other, 2)
+    assert torch.equal(used[1].target_index, fresh[1].target_index)
+    assert torch.equal(used[0].x1, other.x1[used[0].target_index])
+
+
+def test_another_noise_is_fitted_anew(data):
+    def far(n, generator=None):
+        return 5 + torch.rand(n, 2, generator=generator)
+
+    given = Dataset(data.x1)
+    coupling = SemidiscreteOT(iterations=300, batch_size=64)
+    take(coupling, given, 1)
+    chosen = joined(take(coupling, given, 40, source=far), "target_index")
+    frequency = torch.bincount(chosen, minlength=24) / len(chosen)
+    assert float((frequency - 1 / 24).abs().sum() / 2) < 0.2  # without a new fit about 0.9
+
+
+def test_a_large_weight_leaves_no_skew_and_none_much():
+    data = mixtures.rotating_pair().sample(400, generator=seeded())
+    skewed = []
+    for weight in (0.0, 1e3):
+        coupling = SemidiscreteOT(weight, iterations=300, batch_size=128)
+        batch = take(coupling, Dataset(*data), 1, batch_size=1000)[0]
+        skewed.append(prior_skew(batch.x0, batch.c, generator=seeded()))
+    assert skewed[0].flagged
+    assert skewed[1].statistic < 0.2 * skewed[0].statistic
+
+
+def test_endless_data_need_a_number_of_rows():
+    with pytest.raises(TypeError, match=r"endless.*n_samples"):
+        take(SemidiscreteOT(), mixtures.petals(), 1)
+    coupling = SemidiscreteOT(1.0, n_samples=50, iterations=3, batch_size=8)
+    batches = take(coupling, mixtures.petals(), 20)
+    assert len(joined(batches, "x1").unique(dim=0)) <= 50
+
+
+def test_a_data_set_smaller_than_the_batch_duplicates_and_one_row():
+    coupling = SemidiscreteOT(iterations=20, batch_size=16)
+    assert take(coupling, Dataset(torch.randn(3, 2)), 1)[0].x1.shape == (64, 2)
+    assert take(coupling, Dataset(torch.zeros(5, 2)), 1)[0].x1.eq(0).all()
+    assert take(coupling, Dataset(torch.ones(1, 2)), 1)[0].x1.eq(1).all()
+    assert coupling.marginal_error == 0
+
+
+def test_constant_integer_and_bool_conditions(data):
+    options = {"iterations": 20, "batch_size": 16}
+    reference = SemidiscreteOT(3.0, **options)
+    x0 = torch.randn(24, 2)
+    expected = reference(x0, data.x1, data.c)
+    for dtype in (torch.int64, torch.bool):
+        pairs = SemidiscreteOT(3.0, **options)(x0, data.x1, data.c.to(dtype))
+        assert torch.equal(pairs.target_index, expected.target_index)
+    constant = torch.full((24, 1), 0.1)
+    weighed = SemidiscreteOT(3.0, clusters=4, **options)(x0, data.x1, constant)
+    plain = SemidiscreteOT(**options)(x0, data.x1)
+    assert torch.equal(weighed.target_index, plain.target_index)
+
+
+def test_conditions_far_from_zero_cost_no_precision():
+    data = points()
+    x0 = torch.randn(24, 2)
+    options = {"iterations": 20, "batch_size": 16}
+    near = SemidiscreteOT(1e6, **options)(x0, data.x1, data.c)
+    far = SemidiscreteOT(1e6, **options)(x0, data.x1, data.c + 1e4)
+    assert torch.equal(near.target_index, far.target_index)
+
+
+def test_a_weight_that_drowns_the_samples_is_told():
+    data = points()
+    with pytest.warns(RuntimeWarning, match="condition_weight"):
+        SemidiscreteOT(1e20, iterations=2).fit(data.x1, data.c, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda d: SemidiscreteOT(-1.0), ValueError, "condition_weight must be at least 0"),
+        (lambda d: SemidiscreteOT(math.inf), ValueError, "condition_weight must be .* finite"),
+        (lambda d: SemidiscreteOT("much"), TypeError, "condition_weight must be a number"),
+        (lambda d: SemidiscreteOT(clusters=0), ValueError, "clusters must be at least 1"),
+        (lambda d: SemidiscreteOT(iterations=0), ValueError, "iterations must be at least 1"),
+        (lambda d: SemidiscreteOT(batch_size=0), ValueError, "batch_size must be at least 1"),
+        (lambda d: SemidiscreteOT(n_samples=0), ValueError, "n_samples must be at least 1"),
+        (lambda d: SemidiscreteOT(1.0).fit(d.x1), TypeError, "needs the conditions c"),
+        (lambda d: SemidiscreteOT(clusters=2).fit(d.x1), TypeError, "needs the conditions c"),
+        (lambda d: take(SemidiscreteOT(1.0), Dataset(d.x1), 1), TypeError, "needs the conditions"),
+        (lambda d: SemidiscreteOT(1.0).fit(d.x1, d.c[:5]), ValueError, "c has 5 rows, x1 has 24"),
+        (lambda d: SemidiscreteOT(1.0).fit(d.x1, d.c / 0), ValueError, "c has NaN"),
+        (lambda d: SemidiscreteOT().fit(d.x1 / 0), ValueError, "x1 has NaN"),
+        (lambda d: SemidiscreteOT().fit(d.x1[:0]), ValueError, "x1 is empty"),
+        (lambda d: SemidiscreteOT(clusters=25).fit(d.x1, d.c), ValueError, "clusters must be at m"),
+        (lambda d: take(SemidiscreteOT(), d, 1, ot_batch_size=128), ValueError, "ot_batch_size"),
+        (lambda d: take(SemidiscreteOT(), d, 1, batch_size=0), ValueError, "batch_size must be"),
+    ],
+)
+def test_bad_input(call, error, message, data):
+    with pytest.raises(error, match=message):
+        call(data)
