@@ -37,7 +37,7 @@ class ModelAligned(Coupling):
         boost: lambda, at least 0 (authors: 0.5; images 1).
         warmup_steps: at least 0.
         regularization: first and last, both above 0, in units of the standard deviation of the
-            errors.
+            costs.
         condition_weight: for "full", at least 0.
 
     Raises:
@@ -101,6 +101,16 @@ class ModelAligned(Coupling):
         weight = torch.full_like(errors, 0.0 if self.variant == "topk" else 1.0)
         weight[order[:chosen]] = 1.0 if self.variant == "topk" else 1.0 + self.boost
         return Match(rows, rows, weight=weight / weight.mean())
+
+    def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
+        """1 but for "full": all rows of the batch, or with a weight those of near conditions."""
+        if self.variant != "full":
+            return 1.0
+        if not self.condition_weight or c is None:
+            return float(len(x1))
+        numbers = check_condition(c)
+        cost = self.condition_weight * squared_distances(numbers, numbers)
+        return float((cost <= squared_distances(x0, x1).mean()).sum(axis=1).mean())
 
     def row_errors(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> Tensor:
         """The error of pair (x0_i, x1_i, c_i), shape (B,)."""

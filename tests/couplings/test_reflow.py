@@ -1,0 +1,93 @@
+"""Reflow: the pairs are the teacher's."""
+
+import itertools
+import math
+
+import pytest
+import torch
+
+from cotlearn import mixtures
+from cotlearn.couplings import Reflow
+from cotlearn.flows import VelocityMLP, conditional_flow_matching_loss, integrate
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def batch(n=16):
+    x1, c = mixtures.petals().sample(n, generator=seeded())
+    return torch.randn(n, 2, generator=seeded(1)), x1, c
+
+
+def test_noise_meets_what_the_teacher_makes_of_it():
+    x0, x1, c = batch()
+    network = VelocityMLP(2, 4, width=8, depth=1, seed=0)
+    pairs = Reflow(lambda x0, c: integrate(network, x0, c, nfe=4).x1)(x0, x1, c)
+    assert torch.equal(pairs.x1, integrate(network, x0, c, nfe=4).x1)
+    assert torch.equal(pairs.x0, x0)
+    assert torch.equal(pairs.c, c)
+    assert not pairs.x1.requires_grad
+    assert not torch.equal(pairs.x1, x1)
+
+
+def test_a_student_that_knows_the_map_has_no_loss():
+    """x1 = x0 + a(c) is a straight flow with velocity a(c): nothing is left to learn."""
+
+    def shift(c):
+        return c @ torch.tensor([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+
+    pairs = Reflow(lambda x0, c: x0 + shift(c))(*batch())
+    loss = conditional_flow_matching_loss(lambda t, x, c: shift(c), pairs, seeded())
+    assert loss.max() < 1e-10
+
+
+def test_without_a_condition():
+    x0, x1, _ = batch()
+    pairs = Reflow(lambda x0, c: 2 * x0)(x0, x1)
+    assert torch.equal(pairs.x1, 2 * x0)
+    assert pairs.c is None
+    assert pairs.weight is None
+
+
+def test_a_stream_of_pairs():
+    def teacher(x0, c):
+        return x0 + c[:, :2]
+
+    def take(count, **options):
+        stream = Reflow(teacher).stream(
+            mixtures.petals(), batch_size=8, ot_batch_size=16, generator=seeded(), **options
+        )
+        return list(itertools.islice(stream, count))
+
+    batches = take(5)
+    for pairs in batches:
+        assert len(pairs) == 8
+        assert torch.equal(pairs.x1, teacher(pairs.x0, pairs.c))
+    for a, b in zip(batches[3:], take(2, start=3), strict=True):
+        assert torch.equal(a.x0, b.x0)
+
+
+def test_rows_and_candidates():
+    x0, x1, c = batch()
+    coupling = Reflow(lambda x0, c: x0)
+    pairs = coupling(x0, x1, c)
+    assert torch.equal(pairs.source_index, torch.arange(16))
+    assert torch.equal(pairs.target_index, torch.arange(16))
+    assert coupling.candidates(x0, x1, c) == 1
+    assert coupling.name == "reflow"
+    assert repr(coupling) == "Reflow()"  # not the teacher's address in memory
+
+
+@pytest.mark.parametrize(
+    ("teacher", "error", "message"),
+    [
+        ("teacher", TypeError, "teacher must be a function"),
+        (lambda x0, c: x0[:3], ValueError, r"teacher must return .* shape \(16, 2\): \(3, 2\)"),
+        (lambda x0, c: x0 * math.nan, ValueError, "teacher must return finite values"),
+        (lambda x0, c: x0.tolist(), ValueError, "teacher must return .* list"),
+    ],
+)
+def test_bad_teachers(teacher, error, message):
+    with pytest.raises(error, match=message):
+        Reflow(teacher)(*batch())
