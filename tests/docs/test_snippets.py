@@ -19,7 +19,7 @@ def test_there_are_blocks():
     assert len(list(blocks())) >= 4
 
 
-@pytest.mark.parametrize(("needs", "code"), blocks())
+@pytest.mark.parametrize(("needs", "code"), list(blocks()))
 def test_block_runs(needs, code):
     if needs:
         pytest.importorskip(needs, reason=f"{needs} is not installed")
