@@ -1,0 +1,84 @@
+"""The mistakes that learners make in notebook 04 get a sentence that helps."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from scipy.optimize import linear_sum_assignment
+
+from cotlearn.homework import Verdict, check
+
+
+def mean_distances(x0, x1, c):
+    return float(torch.cdist(x0, x1).mean()), float(torch.cdist(c, c).mean())
+
+
+def gamma(x0, x1, c):
+    sample, condition = mean_distances(x0, x1, c)
+    return 10 * sample / condition
+
+
+def of_squares(x0, x1, c):
+    return 100 * (torch.cdist(x0, x1) ** 2).mean() / (torch.cdist(c, c) ** 2).mean()
+
+
+def upside_down(x0, x1, c):
+    sample, condition = mean_distances(x0, x1, c)
+    return (10 * condition / sample) ** 2
+
+
+def within(x0, x1, label):
+    p = torch.empty(len(x0), dtype=torch.long)
+    for k in label.unique():
+        rows = (label == k).nonzero()[:, 0]
+        p[rows] = rows[linear_sum_assignment(torch.cdist(x0[rows], x1[rows]) ** 2)[1]]
+    return p
+
+
+def positions(x0, x1, label):
+    p = torch.empty(len(x0), dtype=torch.long)
+    for k in label.unique():
+        rows = (label == k).nonzero()[:, 0]
+        p[rows] = torch.as_tensor(linear_sum_assignment(torch.cdist(x0[rows], x1[rows]) ** 2)[1])
+    return p
+
+
+def blind(x0, x1, label):
+    return linear_sum_assignment(torch.cdist(x0, x1) ** 2)[1]
+
+
+WRONG = [
+    ("04.candidates", lambda B, K: B / K, "always finds one"),
+    ("04.candidates", lambda B, K: (B - 1) / K, "itself"),
+    ("04.candidates", lambda B, K: B * K, "expected"),
+    ("04.candidates", lambda B, K: "many", "one number"),
+    ("04.balanced_weight", gamma, "w = g^2"),
+    ("04.balanced_weight", of_squares, "not of their squares"),
+    ("04.balanced_weight", lambda x0, x1, c: gamma(x0, x1, c) ** 2 / 10, "belongs to g"),
+    ("04.balanced_weight", lambda x0, x1, c: gamma(x0, x1, c) ** 2 / 100, "missing"),
+    ("04.balanced_weight", upside_down, "stands above"),
+    ("04.balanced_weight", lambda x0, x1, c: 1.0, "all i and j"),
+    ("04.stratify", positions, "exactly once"),
+    ("04.stratify", blind, "another label"),
+    ("04.stratify", lambda x0, x1, label: torch.arange(len(x0)), "cheapest"),
+    ("04.stratify", lambda x0, x1, label: x0, "integers"),
+    ("04.stratify", lambda x0, x1, label: "p", "integers"),
+]
+
+
+@pytest.mark.parametrize(("name", "answer", "hint"), WRONG)
+def test_a_mistake_gets_a_hint(name, answer, hint, capsys):
+    assert check(answer, name) is Verdict.NOT_YET
+    assert hint in capsys.readouterr().out
+
+
+RIGHT = {
+    "04.candidates": lambda B, K: 1 + (B - 1) / K,
+    "04.balanced_weight": lambda x0, x1, c: gamma(x0, x1, c) ** 2,
+    "04.stratify": within,
+}
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_right_answers_are_right(name):
+    assert check(RIGHT[name], name) is Verdict.CORRECT
