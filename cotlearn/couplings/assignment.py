@@ -36,6 +36,7 @@ Index = NDArray[np.int64]
 FEW_DIMENSIONS = 3  #: up to here assignments are hard, and the network simplex is fastest ...
 LARGE_BATCH = 100  #: ... from this many rows on ...
 LARGE_BATCH_MANY_DIMENSIONS = 200  #: ... and in more dimensions from this many, warm
+UNDERFLOW = 100.0  #: exp(-100) is a number, exp(-1000) is not: beyond this, logarithms
 
 
 def exact_permutation(cost: Array, *, dim: int | None = None) -> Index:
@@ -87,7 +88,9 @@ def _sinkhorn_potentials(
 
 
 def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
-    """The entropic plan between uniform weights (Cuturi 1306.0895), computed in the log domain.
+    """The entropic plan between uniform weights (Cuturi 1306.0895).
+
+    With logarithms where the plan's entries could underflow, else without, ten times faster.
 
     Args:
         cost: (B, B), finite.
@@ -102,9 +105,11 @@ def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
         raise ValueError("regularization must be above 0; for 0 use the exact permutation")
     weights = np.full(len(cost), 1 / len(cost))
     scale = max(float(cost.mean()), np.finfo(float).tiny)
+    scaled = (cost - cost.min()) / scale  # a constant changes no plan
+    method = "sinkhorn" if scaled.max() < UNDERFLOW * regularization else "sinkhorn_log"
     plan: Array = ot.sinkhorn(
-        weights, weights, cost / scale, regularization, method="sinkhorn_log", numItermax=1000,
-        stopThr=1e-6, warn=False,
+        weights, weights, scaled, regularization, method=method, numItermax=1000, stopThr=1e-6,
+        warn=False,
     )  # fmt: skip
     return plan
 
