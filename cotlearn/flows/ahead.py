@@ -7,6 +7,8 @@ import threading
 from collections.abc import Generator, Iterator
 from typing import TypeVar
 
+from cotlearn.validation import check_count
+
 T = TypeVar("T")
 
 
@@ -17,6 +19,7 @@ def running_ahead(items: Iterator[T], *, ahead: int = 4) -> Generator[T, None, N
     first one trains. An error of the iterator is raised where its item would have been. Closing
     the generator stops the thread.
     """
+    check_count(ahead, "ahead")
     ready: queue.Queue[tuple[T | None, BaseException | None]] = queue.Queue(maxsize=ahead)
     closed = threading.Event()
 

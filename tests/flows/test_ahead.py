@@ -1,0 +1,135 @@
+"""Items prepared in the background: the same, in order, errors in place, and the thread ends."""
+
+import itertools
+import threading
+import time
+
+import pytest
+
+from cotlearn.flows.ahead import running_ahead
+
+THREAD = "cotlearn-pairs"
+
+
+def threads():
+    return [t for t in threading.enumerate() if t.name == THREAD]
+
+
+@pytest.fixture(autouse=True)
+def _no_thread_is_left():
+    before = len(threads())
+    yield
+    deadline = time.monotonic() + 5
+    while len(threads()) > before and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert len(threads()) == before
+
+
+def wait_until(holds):
+    deadline = time.monotonic() + 5
+    while not holds() and time.monotonic() < deadline:
+        time.sleep(0.005)
+    assert holds()
+
+
+@pytest.mark.parametrize("ahead", [1, 2, 4, 100])
+@pytest.mark.parametrize("n", [0, 1, 3, 57])
+def test_the_same_items_in_the_same_order(n, ahead):
+    items = [object() for _ in range(n)]
+    assert list(running_ahead(iter(items), ahead=ahead)) == items
+
+
+def test_none_and_exceptions_are_items_like_others():
+    items = [None, StopIteration(), ValueError("only an item"), None]
+    assert list(running_ahead(iter(items))) == items
+
+
+def test_an_error_is_raised_where_its_item_would_have_been():
+    def failing():
+        yield 1
+        yield 2
+        raise KeyError("third")
+
+    items = running_ahead(failing())
+    assert [next(items), next(items)] == [1, 2]
+    with pytest.raises(KeyError, match="third"):
+        next(items)
+    with pytest.raises(StopIteration):
+        next(items)
+
+
+def test_an_interrupt_in_the_iterator_arrives_too():
+    def interrupted():
+        yield 1
+        raise KeyboardInterrupt("stop")
+
+    items = running_ahead(interrupted())
+    next(items)
+    with pytest.raises(KeyboardInterrupt, match="stop"):
+        next(items)
+
+
+@pytest.mark.parametrize("ahead", [1, 3])
+def test_it_runs_ahead_and_no_further(ahead):
+    made = []
+
+    def count():
+        for i in itertools.count():
+            made.append(i)
+            yield i
+
+    items = running_ahead(count(), ahead=ahead)
+    assert made == []  # nothing before the first is asked for
+    assert next(items) == 0
+    most = ahead + 2  # the one in use, those that wait, and the one in hand
+    wait_until(lambda: len(made) == most)
+    time.sleep(0.15)
+    assert len(made) == most
+    items.close()
+
+
+def test_closing_stops_the_thread_of_an_endless_iterator():
+    items = running_ahead(itertools.count())
+    next(items)
+    assert len(threads()) >= 1
+    items.close()
+    assert threads() == []
+
+
+def test_closing_before_the_first_item_starts_nothing():
+    items = running_ahead(itertools.count())
+    items.close()
+    assert threads() == []
+
+
+def test_a_finished_iterator_leaves_no_thread():
+    assert list(running_ahead(iter(range(3)))) == [0, 1, 2]
+    assert threads() == []
+
+
+def test_an_error_of_the_reader_stops_the_thread():
+    with pytest.raises(RuntimeError, match="reader"):  # noqa: PT012
+        for item in running_ahead(itertools.count()):
+            if item == 3:
+                raise RuntimeError("reader")
+
+
+def test_items_are_made_while_others_are_used():
+    """Ten times 30 ms of making beside 30 ms of using take 0.33 s, one after the other 0.6 s."""
+
+    def slow():
+        for i in range(10):
+            time.sleep(0.03)
+            yield i
+
+    started = time.monotonic()
+    for _ in running_ahead(slow()):
+        time.sleep(0.03)
+    assert time.monotonic() - started < 0.5
+
+
+@pytest.mark.parametrize(("ahead", "error"), [(0, ValueError), (-1, ValueError), (1.5, TypeError)])
+def test_bad_input(ahead, error):
+    """0 would be a queue without an end: an endless iterator would fill the memory."""
+    with pytest.raises(error, match="ahead must be"):
+        next(running_ahead(itertools.count(), ahead=ahead))
