@@ -25,7 +25,7 @@ from cotlearn.flows import VelocityMLP, fit, sampler
 from cotlearn.metrics import conditional_squared_w2, squared_w2
 from cotlearn.mixtures import fork, moons
 
-SETTING = {"steps": 2000, "batch_size": 256, "width": 128, "depth": 3, "seeds": 5, "points": 2000}
+SETTING = {"steps": 2000, "batch_size": 256, "width": 128, "depth": 3, "seeds": 3, "points": 2000}
 SMALL = 64  # COT Policy's own batch, with as many clusters
 SOLVERS = {
     "euler_1": {"nfe": 1},
