@@ -1,0 +1,79 @@
+import pytest
+import torch
+
+from cotlearn.couplings import Pairs
+from cotlearn.flows import conditional_flow_matching_loss, interpolate
+from cotlearn.flows.matching import weighted_mean
+from cotlearn.mixtures import petals
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def pairs(n=6, weight=None):
+    x1, c = petals().sample(n, generator=seeded())
+    x0 = torch.randn(n, 2, generator=seeded(1))
+    rows = torch.arange(n)
+    return Pairs(x0, x1, c, rows, rows, weight)
+
+
+def test_the_straight_path():
+    x0, x1 = torch.randn(3, 2), torch.randn(3, 2)
+    t = torch.tensor([0.0, 0.25, 1.0])
+    x_t = interpolate(x0, x1, t)
+    assert torch.equal(x_t[0], x0[0])
+    assert torch.allclose(x_t[1], 0.75 * x0[1] + 0.25 * x1[1])
+    assert torch.equal(x_t[2], x1[2])
+
+
+def test_the_loss_is_the_squared_error_of_each_row():
+    batch = pairs()
+    seen = {}
+
+    def network(t, x, c):
+        seen.update(t=t, x=x, c=c)
+        return torch.ones_like(x)
+
+    losses = conditional_flow_matching_loss(network, batch, seeded(3))
+    expected = (1 - (batch.x1 - batch.x0)).square().sum(dim=1)
+    assert torch.allclose(losses, expected)
+    assert torch.equal(seen["t"], torch.rand(6, generator=seeded(3)))
+    assert torch.equal(seen["x"], interpolate(batch.x0, batch.x1, seen["t"]))
+    assert torch.equal(seen["c"], batch.c)
+
+
+def test_the_true_velocity_of_each_pair_has_no_loss():
+    batch = pairs()
+    losses = conditional_flow_matching_loss(lambda t, x, c: batch.x1 - batch.x0, batch)
+    assert torch.equal(losses, torch.zeros(6))
+
+
+def test_the_closed_form_velocity_is_the_best_for_independent_pairs():
+    data, batch = petals(), pairs(4000)
+
+    def loss(scale):
+        field = lambda t, x, c: scale * data.velocity(t, x, c)  # noqa: E731
+        return conditional_flow_matching_loss(field, batch, seeded(2)).mean()
+
+    assert loss(1.0) < loss(0.95)
+    assert loss(1.0) < loss(1.05)
+
+
+def test_a_network_whose_output_would_broadcast_is_refused():
+    for wrong in (torch.zeros(6, 1), torch.zeros(1, 2), torch.zeros(2), torch.zeros(6, 2, 1)):
+        with pytest.raises(ValueError, match=r"network must return shape \(6, 2\), got"):
+            conditional_flow_matching_loss(lambda t, x, c, wrong=wrong: wrong, pairs())
+
+
+def test_the_mean_takes_weights():
+    weight = torch.tensor([2.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    losses = torch.arange(6.0)
+    assert weighted_mean(losses, pairs()) == 2.5
+    assert weighted_mean(losses, pairs(weight=weight)) == pytest.approx(14 / 6)
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (6, 1), (5,)])
+def test_a_loss_of_another_shape_is_refused(shape):
+    with pytest.raises(ValueError, match=r"loss must return one value per row, shape \(6,\)"):
+        weighted_mean(torch.zeros(shape), pairs())

@@ -1,0 +1,77 @@
+import pytest
+import torch
+
+from cotlearn.flows import VelocityMLP
+
+
+@pytest.mark.parametrize(("dim", "condition_dim"), [(1, 0), (2, 4), (7, 1)])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_shapes_and_dtypes(dim, condition_dim, dtype):
+    network = VelocityMLP(dim, condition_dim, width=8, depth=2).to(dtype)
+    x = torch.randn(5, dim, dtype=dtype)
+    c = torch.randn(5, condition_dim, dtype=dtype) if condition_dim else None
+    for t in (0.3, torch.tensor(0.3), torch.full((5,), 0.3), 0):
+        v = network(t, x, c)
+        assert v.shape == (5, dim)
+        assert v.dtype == dtype
+    assert torch.equal(network(0.25, x, c), network(torch.full((5,), 0.25), x, c))
+
+
+def test_every_input_matters():
+    network = VelocityMLP(2, 3, seed=0)
+    t, x, c = torch.rand(4), torch.randn(4, 2), torch.randn(4, 3)
+    v = network(t, x, c)
+    assert not torch.allclose(v, network(t + 0.5, x, c))
+    assert not torch.allclose(v, network(t, x + 0.5, c))
+    assert not torch.allclose(v, network(t, x, c + 0.5))
+    swapped = network(t.flip(0), x.flip(0), c.flip(0))
+    assert torch.allclose(v.flip(0), swapped, atol=1e-6)  # row by row
+
+
+def test_size():
+    network = VelocityMLP(2, 4, width=16, depth=3)
+    expected = (7 * 16 + 16) + 2 * (16 * 16 + 16) + (16 * 2 + 2)
+    assert sum(p.numel() for p in network.parameters()) == expected
+    assert (network.dim, network.condition_dim) == (2, 4)
+
+
+def test_a_seed_gives_the_same_weights_and_leaves_the_global_randomness():
+    torch.manual_seed(5)
+    first = VelocityMLP(2, seed=1).state_dict()
+    after = torch.rand(1)
+    torch.manual_seed(5)
+    assert torch.equal(after, torch.rand(1))
+    again, other = VelocityMLP(2, seed=1).state_dict(), VelocityMLP(2, seed=2).state_dict()
+    assert all(torch.equal(first[name], again[name]) for name in first)
+    assert not torch.equal(first["layers.0.weight"], other["layers.0.weight"])
+    torch.manual_seed(5)
+    free = VelocityMLP(2).state_dict()
+    torch.manual_seed(5)
+    assert torch.equal(free["layers.0.weight"], VelocityMLP(2).state_dict()["layers.0.weight"])
+
+
+def test_integer_conditions_are_numbers():
+    network = VelocityMLP(2, 3, seed=0)
+    x, c = torch.randn(3, 2), torch.eye(3)
+    assert torch.equal(network(0.1, x, c.long()), network(0.1, x, c))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: VelocityMLP(2)(0.0, torch.zeros(3)), r"x must have shape \(rows, 2\), got \(3,\)"),
+        (lambda: VelocityMLP(2)(0.0, torch.zeros(3, 3)), r"x must have shape \(rows, 2\)"),
+        (lambda: VelocityMLP(2)(torch.zeros(4), torch.zeros(3, 2)), r"t must .* shape \(3,\)"),
+        (lambda: VelocityMLP(2)(torch.zeros(3, 1), torch.zeros(3, 2)), r"t must .* shape \(3,\)"),
+        (lambda: VelocityMLP(2, 1)(0.0, torch.zeros(3, 2)), "this network needs c of shape"),
+        (lambda: VelocityMLP(2)(0.0, torch.zeros(3, 2), torch.zeros(3, 1)), "condition_dim=0"),
+        (lambda: VelocityMLP(2, 2)(0.0, torch.zeros(3, 2), torch.zeros(3, 1)), "c must have shape"),
+        (lambda: VelocityMLP(0), "dim must be at least 1"),
+        (lambda: VelocityMLP(2, -1), "condition_dim must be at least 0"),
+        (lambda: VelocityMLP(2, width=0), "width must be at least 1"),
+        (lambda: VelocityMLP(2, depth=0), "depth must be at least 1"),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

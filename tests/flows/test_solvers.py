@@ -1,0 +1,228 @@
+"""The solvers on equations whose solution is known."""
+
+import math
+
+import pytest
+import torch
+
+from cotlearn.flows import VelocityMLP, integrate, sampler
+from cotlearn.gaussian import LinearGaussian
+from cotlearn.metrics import squared_w2
+from cotlearn.mixtures import petals
+
+FIXED = {"euler": (1, 1), "midpoint": (2, 2), "heun": (2, 2), "rk4": (4, 4)}  # evaluations, order
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def known(t, x, c):
+    """dx/dt = x cos(3 t) + c, a linear equation in t and x."""
+    return x * torch.cos(3 * t) + (0 if c is None else c)
+
+
+def known_solution(x0):
+    return x0 * math.exp(math.sin(3) / 3)
+
+
+class Counting:
+    def __init__(self, velocity=known):
+        self.velocity, self.calls, self.times = velocity, 0, []
+
+    def __call__(self, t, x, c):
+        self.calls += 1
+        self.times.append(float(t))
+        return self.velocity(t, x, c)
+
+
+def start(n=5):
+    return torch.randn(n, 2, generator=seeded(), dtype=torch.float64)
+
+
+@pytest.mark.parametrize("method", FIXED)
+def test_order_of_convergence(method):
+    """On dx/dt = -(1 + t) x^2, with 1 / x(1) = 1 / x(0) + 3/2."""
+    per_step, order = FIXED[method]
+    x0 = 0.5 + torch.rand(5, 2, generator=seeded(), dtype=torch.float64)
+    errors = []
+    for steps in (32, 64, 128):
+        x1 = integrate(lambda t, x, c: -(1 + t) * x**2, x0, nfe=steps * per_step, method=method).x1
+        errors.append(float((x1 - 1 / (1 / x0 + 1.5)).abs().max()))
+    for coarse, fine in zip(errors, errors[1:]):  # noqa: B905, RUF007
+        assert math.log2(coarse / fine) == pytest.approx(order, abs=0.15)
+
+
+@pytest.mark.parametrize("method", FIXED)
+def test_order_of_convergence_of_a_curved_field(method):
+    """The velocity of a mixture: nonlinear in x, so that a wrong stage cannot hide."""
+    per_step, order = FIXED[method]
+    data = petals()
+    x0, c = 0.7 * start(), torch.eye(4, dtype=torch.float64)[[0, 1, 2, 3, 0]]
+    exact = integrate(data.velocity, x0, c, nfe=4000, method="rk4").x1
+    errors = [
+        float(
+            (integrate(data.velocity, x0, c, nfe=n * per_step, method=method).x1 - exact)
+            .abs()
+            .max()
+        )
+        for n in (100, 200)
+    ]
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35)
+
+
+@pytest.mark.parametrize("method", FIXED)
+def test_evaluations_are_counted(method):
+    per_step, _ = FIXED[method]
+    velocity = Counting()
+    solution = integrate(velocity, start(), nfe=3 * per_step, method=method)
+    assert solution.nfe == velocity.calls == 3 * per_step
+    assert all(0 <= t <= 1 for t in velocity.times)
+    assert solution.trajectory is None
+    assert solution.times[-1] == 1
+
+
+def test_evaluations_of_dopri5_are_counted():
+    velocity = Counting()
+    solution = integrate(velocity, start(), method="dopri5")
+    assert solution.nfe == velocity.calls > 6
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+def test_dopri5_keeps_its_tolerance(tolerance):
+    x0 = start()
+    solution = integrate(known, x0, method="dopri5", rtol=tolerance, atol=tolerance)
+    assert (solution.x1 - known_solution(x0)).abs().max() < 20 * tolerance
+
+
+def test_dopri5_spends_more_where_the_tolerance_is_smaller():
+    loose = integrate(known, start(), method="dopri5", rtol=1e-2, atol=1e-2)
+    tight = integrate(known, start(), method="dopri5", rtol=1e-8, atol=1e-8)
+    assert loose.nfe < tight.nfe
+
+
+@pytest.mark.parametrize("method", [*FIXED, "dopri5"])
+def test_a_straight_field_is_exact_in_one_step(method):
+    x0 = start()
+    nfe = FIXED[method][0] if method in FIXED else None
+    shift = torch.tensor([1.0, -2.0], dtype=torch.float64)
+    x1 = integrate(lambda t, x, c: shift.expand_as(x), x0, nfe=nfe, method=method).x1
+    assert torch.allclose(x1, x0 + shift)
+
+
+@pytest.mark.parametrize("method", [*FIXED, "dopri5"])
+def test_trajectory(method):
+    x0 = start()
+    nfe = 3 * FIXED[method][0] if method in FIXED else None
+    solution = integrate(known, x0, nfe=nfe, method=method, trajectory=True)
+    T = len(solution.times)
+    assert solution.trajectory.shape == (T, 5, 2)
+    assert torch.equal(solution.trajectory[0], x0)
+    assert torch.equal(solution.trajectory[-1], solution.x1)
+    assert (solution.times[0], solution.times[-1]) == (0, 1)
+    assert (solution.times.diff() > 0).all()
+    if method in FIXED:
+        assert T == 4
+    plain = integrate(known, x0, nfe=nfe, method=method)
+    assert torch.equal(plain.x1, solution.x1)
+
+
+@pytest.mark.parametrize("method", [*FIXED, "dopri5"])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_dtype_condition_and_inputs(method, dtype):
+    x0 = start().to(dtype)
+    c = torch.full((5, 1), 2.0, dtype=dtype)
+    before = x0.clone(), c.clone()
+    nfe = 8 if method in FIXED else None
+    solution = integrate(known, x0, c, nfe=nfe, method=method)
+    assert solution.x1.dtype == dtype
+    assert torch.equal(x0, before[0])
+    assert torch.equal(c, before[1])
+    assert not torch.allclose(solution.x1, integrate(known, x0, nfe=nfe, method=method).x1)
+
+
+def test_no_gradient_is_kept():
+    network = VelocityMLP(2, seed=0)
+    assert not integrate(network, torch.zeros(3, 2), nfe=2).x1.requires_grad
+
+
+def test_euler_on_the_exactly_solvable_case():
+    flow = LinearGaussian.example().flow("independent")
+
+    def velocity(t, x, c):
+        return torch.from_numpy(flow.velocity(float(t), x.numpy(), c.numpy()))
+
+    n = 20_000
+    noise = torch.randn(n, 2, generator=seeded(), dtype=torch.float64)
+    x = integrate(velocity, noise, torch.full((n, 1), 0.8, dtype=torch.float64), nfe=4).x1
+    mean, covariance = flow.law_after([0.8], nfe=4)
+    assert torch.allclose(x.mean(dim=0), torch.from_numpy(mean), atol=0.03)
+    assert torch.allclose(x.T.cov(), torch.from_numpy(covariance), atol=0.03)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({}, ValueError, "nfe is missing"),
+        ({"nfe": 0}, ValueError, "nfe must be at least 1"),
+        ({"nfe": -2}, ValueError, "nfe must be at least 1"),
+        ({"nfe": 2.0}, TypeError, "nfe must be an integer"),
+        ({"nfe": True}, TypeError, "nfe must be an integer"),
+        ({"nfe": 3, "method": "midpoint"}, ValueError, "nfe must be divisible by 2 for midpoint"),
+        ({"nfe": 5, "method": "heun"}, ValueError, "nfe must be divisible by 2 for heun, got 5"),
+        ({"nfe": 6, "method": "rk4"}, ValueError, "nfe must be divisible by 4 for rk4, got 6"),
+        ({"nfe": 4, "method": "rk45"}, ValueError, "method must be one of euler, midpoint, heun"),
+        ({"nfe": 4, "method": "dopri5"}, ValueError, "nfe=4 was given with dopri5"),
+        ({"nfe": 4, "rtol": 1e-3}, ValueError, "rtol and atol belong to dopri5; euler takes nfe"),
+        ({"method": "dopri5", "rtol": 0}, ValueError, "rtol must be above 0"),
+        ({"method": "dopri5", "atol": -1}, ValueError, "atol must be at least 0"),
+        ({"method": "dopri5", "atol": math.nan}, ValueError, "atol must be at least 0"),
+        ({"nfe": 1, "x0": torch.zeros(2)}, ValueError, r"x0 must have shape"),
+        ({"nfe": 1, "x0": torch.zeros(0, 2)}, ValueError, "x0 is empty"),
+        ({"nfe": 1, "x0": torch.full((1, 2), math.nan)}, ValueError, "x0 has NaN"),
+        ({"nfe": 1, "x0": [[0.0]]}, TypeError, "x0 must be a torch tensor"),
+        ({"nfe": 1, "c": torch.zeros(4, 1)}, ValueError, "c has 4 rows, x0 has 5"),
+        ({"nfe": 1, "c": torch.zeros(5)}, ValueError, "c must have shape"),
+        ({"nfe": 1, "velocity": lambda t, x, c: x[:2]}, ValueError, "velocity must return shape"),
+        ({"nfe": 1, "velocity": lambda t, x, c: 0.0}, ValueError, "velocity must .* got float"),
+    ],
+)
+def test_bad_input(options, error, message):
+    with pytest.raises(error, match=message):
+        integrate(**{"velocity": known, "x0": start(), **options})
+
+
+def test_dopri5_gives_up_on_a_field_that_is_not_finite():
+    with pytest.raises(RuntimeError, match="dopri5"):
+        integrate(lambda t, x, c: x * math.nan, start(), method="dopri5")
+
+
+def test_sampler_draws_fresh_noise_for_each_row():
+    data = petals()
+    c = data.conditions().repeat_interleave(300, dim=0)
+    draw = sampler(data.velocity, nfe=40, method="midpoint", dim=2)
+    x = draw(c, generator=seeded())
+    assert x.shape == (1200, 2)
+    assert torch.equal(x, draw(c, generator=seeded()))
+    assert not torch.equal(x, draw(c, generator=seeded(1)))
+    for k in range(4):
+        rows = c[:, k] == 1
+        assert squared_w2(x[rows], data.sample_given(c[rows], generator=seeded(2))) < 0.3
+
+
+def test_sampler_knows_the_dimension_of_a_network_and_takes_a_source():
+    c = torch.eye(4)
+    assert sampler(VelocityMLP(3, 4), nfe=1)(c).shape == (4, 3)
+
+    def source(n, generator=None):
+        return torch.full((n, 2), 7.0)
+
+    still = sampler(lambda t, x, c: 0 * x, nfe=1, source=source)
+    assert torch.equal(still(c), torch.full((4, 2), 7.0))
+
+
+def test_sampler_without_a_dimension():
+    with pytest.raises(ValueError, match="dim is missing"):
+        sampler(known, nfe=1)
+    with pytest.raises(ValueError, match="dim must be at least 1"):
+        sampler(known, nfe=1, dim=0)

@@ -1,0 +1,281 @@
+"""The metrics against formulas computed another way."""
+
+import math
+
+import numpy as np
+import ot
+import pytest
+import torch
+from scipy.spatial.distance import cdist
+
+from cotlearn.datasets import Dataset
+from cotlearn.flows import integrate, sampler
+from cotlearn.gaussian import LinearGaussian, bures_squared
+from cotlearn.metrics import (
+    bootstrap_interval,
+    conditional_squared_w2,
+    energy_distance,
+    squared_w2,
+    straightness,
+    wilson_interval,
+)
+from cotlearn.mixtures import moving_modes, petals
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def normal(n, d=2, seed=0, shift=0.0):
+    return torch.randn(n, d, generator=seeded(seed), dtype=torch.float64) + shift
+
+
+# --- squared W2 ---
+
+
+@pytest.mark.parametrize("n", [1, 2, 50, 300])
+def test_one_dimension_is_the_sorted_formula(n):
+    a, b = normal(n, 1), 2 * normal(n, 1, seed=1) + 1
+    expected = (a.sort(dim=0).values - b.sort(dim=0).values).square().mean()
+    assert squared_w2(a, b) == pytest.approx(float(expected))
+
+
+def test_different_sizes_by_repeating_rows():
+    a, b = normal(20), normal(30, seed=1)
+    repeated = squared_w2(a.repeat(3, 1), b.repeat(2, 1))
+    assert squared_w2(a, b) == pytest.approx(repeated)
+    assert squared_w2(a, b) == pytest.approx(squared_w2(b, a))
+
+
+@pytest.mark.parametrize("n", [2, 64, 300])
+def test_linear_program_of_pot(n):
+    a, b = normal(n, 3), normal(n, 3, seed=1)
+    weights = np.full(n, 1 / n)
+    expected = ot.emd2(weights, weights, cdist(a, b, "sqeuclidean"))
+    assert squared_w2(a, b) == pytest.approx(expected)
+
+
+def test_a_shift_costs_its_square():
+    a = normal(40)
+    assert squared_w2(a, a + torch.tensor([3.0, -4.0])) == pytest.approx(25)
+    assert squared_w2(a, a[torch.randperm(40)]) == pytest.approx(0, abs=1e-12)
+
+
+def test_gaussians_by_bures():
+    """Quantiles on a grid in one dimension, a large sample in two."""
+    levels = (torch.arange(1000, dtype=torch.float64) + 0.5) / 1000
+    quantiles = math.sqrt(2) * torch.erfinv(2 * levels - 1)[:, None]
+    assert squared_w2(2 * quantiles, 3 * quantiles + 1) == pytest.approx(2, abs=0.01)
+    S = LinearGaussian.example().S
+    root = torch.from_numpy(np.linalg.cholesky(S))
+    a, b = normal(1500), normal(1500, seed=1) @ root.T
+    assert squared_w2(a, b) == pytest.approx(bures_squared(np.eye(2), S), abs=0.1)
+
+
+def test_float32_and_float64_agree():
+    a, b = normal(50), normal(50, seed=1)
+    assert squared_w2(a.float(), b.float()) == pytest.approx(squared_w2(a, b), rel=1e-5)
+
+
+# --- conditional squared W2 ---
+
+
+def test_conditional_squared_w2_averages_over_conditions():
+    """A sampler that is off by k in condition k; the shift adds its square to the floor."""
+    data = petals(n_conditions=3)
+
+    def shifted(c, generator=None):
+        off = c.argmax(dim=1, keepdim=True).float()
+        return data.sample_given(c, generator=generator) + off
+
+    floor = conditional_squared_w2(data.sample_given, data, n=300, generator=seeded())
+    value = conditional_squared_w2(shifted, data, n=300, generator=seeded())
+    assert 0 < floor < 0.2
+    expected = np.mean([2 * k**2 for k in range(3)])
+    assert value == pytest.approx(expected, abs=0.4)
+
+
+def test_conditional_squared_w2_of_given_conditions():
+    data, seen = moving_modes(), []
+
+    def sample(c, generator=None):
+        seen.append(c)
+        return data.sample_given(c, generator=generator)
+
+    conditional_squared_w2(sample, data, conditions=torch.tensor([[-1.0], [0.5]]), n=10)
+    assert [c.shape for c in seen] == [(10, 1), (10, 1)]
+    assert [float(c[0]) for c in seen] == [-1.0, 0.5]
+    seen.clear()
+    conditional_squared_w2(sample, data, n=10)
+    assert len(seen) == 9
+
+
+def test_a_marginal_that_is_right_does_not_hide_a_wrong_condition():
+    data = moving_modes()
+
+    def blind(c, generator=None):
+        return data.sample(len(c), generator=generator)[0]
+
+    assert conditional_squared_w2(blind, data, n=300, generator=seeded()) > 0.5
+
+
+def test_conditional_squared_w2_with_a_sampler_of_a_flow_and_with_a_data_set():
+    data = petals()
+    draw = sampler(data.velocity, nfe=40, method="midpoint", dim=2)
+    assert conditional_squared_w2(draw, data, n=200, generator=seeded()) < 0.3
+    x1, c = data.sample(400, generator=seeded())
+    finite = Dataset(x1, c)
+    assert conditional_squared_w2(data.sample_given, finite, n=100, generator=seeded()) < 0.3
+
+
+def test_the_same_seed_gives_the_same_number():
+    data = petals()
+    values = {
+        conditional_squared_w2(data.sample_given, data, n=50, generator=seeded(s))
+        for s in (0, 0, 1)
+    }
+    assert len(values) == 2
+
+
+# --- energy distance ---
+
+
+def test_energy_distance_by_its_definition():
+    a, b = normal(15), normal(10, seed=1, shift=1.0)
+    cross = np.mean([float((x - y).norm()) for x in a for y in b])
+    within = [
+        np.mean([float((x - y).norm()) for i, x in enumerate(s) for j, y in enumerate(s) if i != j])
+        for s in (a, b)
+    ]
+    assert energy_distance(a, b) == pytest.approx(2 * cross - sum(within))
+
+
+def test_energy_distance_is_unbiased():
+    same = [energy_distance(normal(20, seed=2 * s), normal(30, seed=2 * s + 1)) for s in range(300)]
+    assert abs(np.mean(same)) < 4 * np.std(same) / math.sqrt(300)
+    assert min(same) < 0
+    other = [energy_distance(normal(20, seed=s), normal(20, seed=s + 400, shift=1)) for s in (1, 2)]
+    assert min(other) > np.quantile(same, 0.99)
+
+
+# --- straightness ---
+
+
+def test_straightness_of_a_straight_field_is_zero():
+    x0 = normal(10)
+    assert straightness(lambda t, x, c: torch.ones_like(x), x0) == pytest.approx(0, abs=1e-12)
+
+
+def test_straightness_of_a_known_field():
+    """v = (2 t, 0): the path is t^2, and int (2 t - 1)^2 dt = 1/3."""
+
+    def velocity(t, x, c):
+        return torch.stack([2 * t.expand(len(x)), torch.zeros(len(x))], dim=1).to(x)
+
+    assert straightness(velocity, normal(5), nfe=1000) == pytest.approx(1 / 3, abs=2e-3)
+
+
+def test_optimal_paths_are_straighter_than_independent_ones():
+    problem = LinearGaussian.example()
+
+    def field(flow):
+        return lambda t, x, c: torch.from_numpy(flow.velocity(float(t), x.numpy(), c.numpy()))
+
+    x0, c = normal(200), normal(200, 1, seed=1)
+    independent = straightness(field(problem.flow("independent")), x0, c)
+    assert straightness(field(problem.flow(math.inf)), x0, c) == pytest.approx(0, abs=1e-9)
+    assert independent > 0.01
+
+
+def test_straightness_zero_means_one_step_is_exact():
+    flow = LinearGaussian.example().flow(math.inf)
+
+    def velocity(t, x, c):
+        return torch.from_numpy(flow.velocity(float(t), x.numpy(), c.numpy()))
+
+    x0, c = normal(20), normal(20, 1, seed=1)
+    one, many = (integrate(velocity, x0, c, nfe=n).x1 for n in (1, 32))
+    assert torch.allclose(one, many)
+
+
+# --- intervals ---
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 10), (1, 10), (5, 10), (10, 10), (87, 100), (3, 7)])
+@pytest.mark.parametrize(("confidence", "z"), [(0.95, 1.959963985), (0.9, 1.644853627)])
+def test_wilson_by_the_textbook(k, n, confidence, z):
+    p = k / n
+    centre = (p + z**2 / (2 * n)) / (1 + z**2 / n)
+    half = z / (1 + z**2 / n) * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    low, high = wilson_interval(k, n, confidence)
+    assert low == pytest.approx(centre - half, abs=1e-7)
+    assert high == pytest.approx(centre + half, abs=1e-7)
+    assert 0 <= low <= p <= high <= 1
+
+
+def test_wilson_covers():
+    rng = np.random.default_rng(0)
+    for p in (0.5, 0.9):
+        counts = rng.binomial(50, p, size=2000)
+        intervals = {k: wilson_interval(int(k), 50) for k in set(counts.tolist())}
+        covered = np.mean([intervals[k][0] <= p <= intervals[k][1] for k in counts.tolist()])
+        assert 0.92 < covered < 0.98
+
+
+def test_bootstrap_is_close_to_the_normal_interval():
+    values = np.random.default_rng(0).normal(3.0, 2.0, size=200)
+    low, high = bootstrap_interval(values)
+    half = 1.96 * values.std() / math.sqrt(200)
+    assert low == pytest.approx(values.mean() - half, abs=0.05)
+    assert high == pytest.approx(values.mean() + half, abs=0.05)
+    assert bootstrap_interval(values) == (low, high)
+    assert bootstrap_interval(values, seed=1) != (low, high)
+    narrow = bootstrap_interval(values, confidence=0.5)
+    assert low < narrow[0] < narrow[1] < high
+    assert bootstrap_interval([2.0, 2.0]) == (2.0, 2.0)
+
+
+# --- bad input ---
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: squared_w2(np.zeros((2, 2)), normal(2)), TypeError, "a must be a torch tensor"),
+        (lambda: squared_w2(normal(2), normal(2, 3)), ValueError, "b has 3 columns, expected 2"),
+        (lambda: squared_w2(normal(2), normal(0)), ValueError, "b is empty"),
+        (lambda: squared_w2(normal(2) * math.nan, normal(2)), ValueError, "a has NaN"),
+        (lambda: squared_w2(normal(2)[0], normal(2)), ValueError, "a must have shape"),
+        (lambda: energy_distance(normal(1), normal(2)), ValueError, "at least 2 rows each, got 1"),
+        (lambda: energy_distance(normal(3), normal(3, 1)), ValueError, "b has 1 columns"),
+        (
+            lambda: conditional_squared_w2(petals().sample_given, petals(), n=0),
+            ValueError,
+            "n must be at least 1",
+        ),
+        (
+            lambda: conditional_squared_w2(petals().sample_given, petals(), conditions=[0, 1]),
+            TypeError,
+            "conditions must be a torch tensor",
+        ),
+        (
+            lambda: conditional_squared_w2(lambda c, generator: c, petals(), n=5),
+            ValueError,
+            "columns, expected",
+        ),
+        (lambda: straightness(lambda t, x, c: x, normal(3), nfe=1), ValueError, "nfe must be at"),
+        (lambda: straightness(lambda t, x, c: x, normal(0)), ValueError, "x0 is empty"),
+        (lambda: wilson_interval(1, 0), ValueError, "trials must be at least 1"),
+        (lambda: wilson_interval(-1, 5), ValueError, "successes must be at least 0"),
+        (lambda: wilson_interval(6, 5), ValueError, "successes must be at most trials 5, got 6"),
+        (lambda: wilson_interval(0.5, 5), TypeError, "successes must be an integer"),
+        (lambda: wilson_interval(1, 5, 1.0), ValueError, "confidence must lie between 0 and 1"),
+        (lambda: wilson_interval(1, 5, math.nan), ValueError, "confidence must lie between"),
+        (lambda: bootstrap_interval([1.0]), ValueError, "values must be at least 2"),
+        (lambda: bootstrap_interval([1.0, math.nan]), ValueError, "values must be at least 2"),
+        (lambda: bootstrap_interval([1.0, 2.0], 0.0), ValueError, "confidence must lie"),
+    ],
+)
+def test_bad_input(call, error, message):
+    with pytest.raises(error, match=message):
+        call()

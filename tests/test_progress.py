@@ -1,0 +1,65 @@
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from cotlearn.progress import SWITCH, progress_bar
+
+
+@pytest.fixture(autouse=True)
+def _nobody_decided(monkeypatch):
+    monkeypatch.delenv(SWITCH, raising=False)
+    monkeypatch.delenv("CI", raising=False)
+
+
+def shown(**options):
+    with progress_bar(total=3, what="work", **options) as bar:
+        bar.update()
+        bar.set_postfix(loss="1.0")
+        return not bar.disable
+
+
+def watching(monkeypatch, yes):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: yes, raising=False)
+
+
+def test_off_when_nobody_watches(monkeypatch, capsys):
+    watching(monkeypatch, False)
+    assert not shown()
+    assert capsys.readouterr().err == ""
+
+
+def test_on_in_a_terminal(monkeypatch):
+    watching(monkeypatch, True)
+    assert shown()
+
+
+@pytest.mark.parametrize(("switch", "expected"), [("0", False), ("1", True)])
+@pytest.mark.parametrize("terminal", [True, False])
+def test_the_switch_decides(monkeypatch, switch, expected, terminal):
+    watching(monkeypatch, terminal)
+    monkeypatch.setenv(SWITCH, switch)
+    assert shown() is expected
+
+
+@pytest.mark.parametrize("show", [True, False])
+def test_the_argument_decides_before_the_switch(monkeypatch, show):
+    monkeypatch.setenv(SWITCH, "0" if show else "1")
+    assert shown(show=show) is show
+
+
+def test_on_in_a_notebook_but_not_because_a_kernel_is_merely_installed(monkeypatch):
+    watching(monkeypatch, False)
+    monkeypatch.setitem(sys.modules, "ipykernel", SimpleNamespace())
+    shell = None
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    assert not shown()
+    shell = SimpleNamespace(kernel=object())
+    assert shown()
+    monkeypatch.setenv("CI", "1")
+    assert not shown()
+
+
+def test_a_bar_goes_on_where_it_was():
+    with progress_bar(total=10, initial=4, show=False) as bar:
+        assert (bar.n, bar.total) == (4, 10)
