@@ -28,4 +28,6 @@ def progress_bar(*, total: int, initial: int = 0, what: str = "", show: bool | N
 
 
 def _in_notebook() -> bool:
-    return "ipykernel" in sys.modules and "CI" not in os.environ
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    return hasattr(shell, "kernel") and "CI" not in os.environ

@@ -38,7 +38,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
 def save_tensors(path: str | Path, tensors: dict[str, Tensor], about: dict[str, Any]) -> None:
     """Write named tensors and a JSON-compatible description, atomically."""
-    tensors = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
+    # Clones, because safetensors refuses tensors that share memory, as tied weights do.
+    tensors = {name: value.detach().cpu().clone().contiguous() for name, value in tensors.items()}
     record = json.dumps({"about": about, "sha256": _digest(tensors, about)})
     with atomic_path(path) as temporary:
         save_file(tensors, temporary, metadata={_KEY: record})

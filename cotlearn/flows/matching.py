@@ -46,12 +46,24 @@ def conditional_flow_matching_loss(
 
     Returns:
         (B,), the squared error of each row, summed over dimensions.
+
+    Raises:
+        ValueError: the network's output has another shape than x1.
     """
     t = torch.rand(len(pairs), generator=generator, dtype=pairs.x0.dtype).to(pairs.x0.device)
     x_t = interpolate(pairs.x0, pairs.x1, t)
-    return (network(t, x_t, pairs.c) - (pairs.x1 - pairs.x0)).square().sum(dim=1)
+    predicted = network(t, x_t, pairs.c)
+    if predicted.shape != x_t.shape:  # broadcasting would hide it
+        raise ValueError(
+            f"network must return shape {tuple(x_t.shape)}, got {tuple(predicted.shape)}"
+        )
+    return (predicted - (pairs.x1 - pairs.x0)).square().sum(dim=1)
 
 
 def weighted_mean(losses: Tensor, pairs: Pairs) -> Tensor:
     """The mean of the rows' losses, with the weights that the pairs carry."""
+    if losses.shape != (len(pairs),):
+        raise ValueError(
+            f"loss must return one value per row, shape ({len(pairs)},), got {tuple(losses.shape)}"
+        )
     return losses.mean() if pairs.weight is None else (pairs.weight * losses).mean()

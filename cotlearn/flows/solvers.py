@@ -113,6 +113,7 @@ def integrate(
     Raises:
         ValueError: nfe missing, below 1, not divisible for the method, or given with dopri5;
             tolerances given with a fixed-step method; an unknown method; shapes or values off.
+        RuntimeError: dopri5 met a velocity that is not finite, or needs steps too small.
     """
     check_matrix(x0, "x0")
     if c is not None:
@@ -162,7 +163,10 @@ def _adaptive(field: Field, x0: Tensor, rtol: float, atol: float) -> tuple[Tenso
         return torch.as_tensor(flat, dtype=x0.dtype, device=x0.device).reshape(x0.shape)
 
     def derivative(t: float, flat: Any) -> Any:
-        return field(t, tensor(flat)).reshape(-1).to("cpu", torch.float64).numpy()
+        v = field(t, tensor(flat)).reshape(-1).to("cpu", torch.float64)
+        if not torch.isfinite(v).all():  # SciPy would look for a step size for ever
+            raise RuntimeError(f"dopri5 stopped at t = {t:.4g}: the velocity is not finite")
+        return v.numpy()
 
     start = x0.reshape(-1).to("cpu", torch.float64).numpy()
     with np.errstate(all="ignore"):

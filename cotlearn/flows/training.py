@@ -56,6 +56,8 @@ class _Plan:
     schedule: str
     ema: float
     coupling: str
+    data: str
+    loss: str
 
 
 @dataclass
@@ -126,6 +128,7 @@ def fit(
         RuntimeError: the loss is no longer finite.
         KeyboardInterrupt: Ctrl-C, after the checkpoint has been written.
     """
+    _check_kinds(network, data, coupling)
     ot_batch_size = batch_size if ot_batch_size is None else ot_batch_size
     check_count(log_every, "log_every")
     check_count(checkpoint_every, "checkpoint_every")
@@ -138,6 +141,8 @@ def fit(
         schedule=check_choice(schedule, "schedule", SCHEDULES),
         ema=_decay(ema),
         coupling=repr(coupling),
+        data=str(getattr(data, "name", type(data).__name__)),
+        loss=str(getattr(loss, "__qualname__", type(loss).__name__)),
     )
     state = _start(network, coupling, plan)
     if checkpoint is not None and Path(checkpoint).exists():
@@ -175,7 +180,9 @@ def fit(
 
 def _start(network: nn.Module, coupling: Coupling, plan: _Plan) -> _State:
     trained = copy.deepcopy(network).train()
-    averaged = copy.deepcopy(network).requires_grad_(False)
+    if not any(p.requires_grad for p in trained.parameters()):  # as `fit` returns it
+        trained.requires_grad_(True)
+    averaged = copy.deepcopy(network).requires_grad_(False).eval()
     optimizer = torch.optim.Adam(trained.parameters(), lr=plan.learning_rate, fused=True)
     return _State(trained, averaged, optimizer, coupling)
 
@@ -208,25 +215,35 @@ def _average(state: _State, decay: float) -> None:
 
 
 def _log(state: _State, bar: Any) -> None:
-    mean = float(torch.stack(state.unlogged).mean())
-    if not math.isfinite(mean):
-        raise RuntimeError(
-            f"the loss became {mean} by step {state.step}: lower learning_rate, or check the data"
-        )
+    mean = float(np.mean(_finite_losses(state)))
     state.unlogged.clear()
     state.log.append((state.step, mean, state.seconds))
     bar.set_postfix(loss=f"{mean:.3f}")
 
 
+def _finite_losses(state: _State) -> list[float]:
+    """The losses since the last entry of the history; one that is not finite ends the training."""
+    losses = [float(value) for value in state.unlogged]
+    for value in losses:
+        if not math.isfinite(value):
+            raise RuntimeError(
+                f"the loss became {value} by step {state.step}: lower learning_rate, or check the "
+                "data"
+            )
+    return losses
+
+
 @contextlib.contextmanager
 def _interrupt_between_steps() -> Iterator[threading.Event]:
-    """Turn Ctrl-C into an event, so that a step is never cut in half."""
+    """Turn Ctrl-C into an event, so that a step is never cut in half. A second one cuts it."""
     event = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield event  # only the main thread receives signals
         return
 
     def note(signum: int, frame: FrameType | None) -> None:
+        if event.is_set():
+            raise KeyboardInterrupt
         event.set()
 
     before = signal.signal(signal.SIGINT, note)
@@ -243,7 +260,7 @@ def _save(path: str | Path, state: _State, plan: _Plan) -> None:
         tensors |= {f"optimizer.{i}.{k}": v for k, v in moments.items()}
     tensors |= {f"coupling.{k}": v for k, v in state.coupling.state_dict().items()}
     tensors["log"] = torch.tensor(state.log, dtype=torch.float64).reshape(-1, 3)
-    tensors["unlogged"] = torch.tensor([float(v) for v in state.unlogged])
+    tensors["unlogged"] = torch.tensor(_finite_losses(state), dtype=torch.float64)
     about = {"plan": asdict(plan), "step": state.step, "seconds": state.seconds}
     save_tensors(path, tensors, about)
 
@@ -279,6 +296,22 @@ def _check_same_training(path: str | Path, then: dict[str, Any], now: dict[str, 
                 f"checkpoint {path} is of another training: {name} was {then.get(name)!r}, now it "
                 f"is {value!r}; give another path, or delete the file to start again"
             )
+
+
+def _check_kinds(network: Any, data: Any, coupling: Any) -> None:
+    if not isinstance(network, nn.Module):
+        raise TypeError(f"network must be a torch.nn.Module, got {_kind(network)}")
+    if next(network.parameters(), None) is None:
+        raise ValueError("network has no parameters: there is nothing to train")
+    if isinstance(data, type) or not hasattr(data, "sample"):
+        raise TypeError(f"data must have sample(n, generator=g), got {_kind(data)}")
+    if isinstance(coupling, type) or not hasattr(coupling, "stream"):
+        raise TypeError(f"coupling must be a coupling such as Independent(), got {_kind(coupling)}")
+
+
+def _kind(value: Any) -> str:
+    """What a value is, for the learner who forgot the brackets."""
+    return f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__
 
 
 def _positive(value: float, name: str) -> float:
