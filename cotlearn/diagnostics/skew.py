@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +61,8 @@ def prior_skew(
         generator: randomness of the halves and the relabellings.
 
     Raises:
-        ValueError: fewer than 100 rows, shapes that do not match, or values that are not finite.
+        ValueError: fewer than 100 rows, shapes that do not match, values that are not finite, or
+            too few relabellings for the significance level.
     """
     check_matrix(x0, "x0")
     c = check_condition(c)
@@ -71,6 +73,12 @@ def prior_skew(
     check_count(relabellings, "relabellings")
     if not 0 < significance < 1:
         raise ValueError(f"significance must lie between 0 and 1, got {significance}")
+    if 1 / (1 + relabellings) > significance:
+        needed = math.ceil(1 / significance - 1e-9) - 1
+        raise ValueError(
+            f"relabellings must be at least {needed}, or no p-value can reach significance "
+            f"{significance:g}; got {relabellings}"
+        )
     seed = int(torch.randint(2**62, (1,), generator=generator))
     rng = np.random.default_rng(seed)
 
@@ -98,8 +106,9 @@ def unit_variance(
     values: NDArray[np.float64], reference: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
     """Columns scaled so that the squared distances of the reference's rows are 2 on average."""
-    std = (values if reference is None else reference).std(axis=0)
-    varying = std > 0
+    reference = values if reference is None else reference
+    std = reference.std(axis=0)
+    varying = std > 1e-12 * np.abs(reference).max(axis=0)  # the rest is the mean's rounding
     if not varying.any():
         return np.zeros_like(values)
     scaled: NDArray[np.float64] = values[:, varying] / std[varying] / np.sqrt(varying.sum())
