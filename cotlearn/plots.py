@@ -876,13 +876,13 @@ def frontier(
     *,
     errors: Mapping[str, float] | None = None,
     labels: Mapping[str, str] | None = None,
+    curve: Sequence[str] = (),
     ax: Axes | None = None,
     title: str | None = None,
     log: bool = False,
 ) -> Axes:
     """Draw couplings between skew (across) and one-step variance (up); the origin is best.
 
-    Points of conditional OT are joined in their order, so that a sweep of weights is a curve.
     Bars are the 95 % intervals. Names stand beside the points and do not cover each other.
 
     Args:
@@ -890,19 +890,20 @@ def frontier(
             coupling, skew, skew_interval, one_step_variance, one_step_variance_interval.
         errors: name -> a measured error that is written below the name.
         labels: words where they differ from the names.
+        curve: names that a line joins in this order: a sweep of weights.
         ax: where to draw; a new figure by default. Its size and limits should be set before.
         title: words above the panel.
         log: whether the one-step variance has a logarithmic axis.
 
     Raises:
-        ValueError: no points, values that are not finite, or errors and labels of unknown names.
+        ValueError: no points, values that are not finite, or errors, labels and curves of unknown names.
     """
     shown = list(points)
     names = [point.name for point in shown]
     if not shown:
         raise ValueError("points is empty, expected at least one coupling")
-    for what, given in (("errors", errors), ("labels", labels)):
-        unknown = sorted(set(given or {}) - set(names))
+    for what, given in (("errors", errors), ("labels", labels), ("curve", curve)):
+        unknown = sorted(set(given or ()) - set(names))
         if unknown:
             raise ValueError(f"{what} has {unknown}, which are not among the points {names}")
     x = np.array([_interval_of(point, "skew") for point in shown])
@@ -910,8 +911,8 @@ def frontier(
     if log and (y <= 0).any():
         raise ValueError("one_step_variance must be positive on a logarithmic axis")
     ax = _axes(ax, figsize=(6.4, 4.2))
-    curve = [k for k, point in enumerate(shown) if point.coupling == "conditional_ot"]
-    ax.plot(x[curve, 1], y[curve, 1], color=COLORS["conditional_ot"], lw=1.0, alpha=0.5, zorder=1)
+    joined = [names.index(name) for name in curve]
+    ax.plot(x[joined, 1], y[joined, 1], color=COLORS["conditional_ot"], lw=1.0, alpha=0.5, zorder=1)
     for point, (left, at, right), (low, height, high) in zip(shown, x, y, strict=True):
         ax.errorbar(
             at,

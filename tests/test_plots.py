@@ -178,6 +178,7 @@ CROWDED = [
 
 def test_frontier_draws_each_coupling_once_with_its_intervals():
     ax = plots.frontier(CROWDED, errors={"naive OT": 1.234}, labels={"adaptive": "C2OT"})
+    assert len(ax.get_lines()[0].get_xdata()) == 0  # no curve was asked for
     markers = [line for line in ax.get_lines() if line.get_marker() in plots.MARKERS.values()]
     drawn = {(float(m.get_xdata()[0]), float(m.get_ydata()[0])) for m in markers}
     assert drawn == {(point.skew, point.one_step_variance) for point in CROWDED}
@@ -200,6 +201,11 @@ def test_frontier_labels_do_not_overlap(log):
     for k, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in boxes[:k])
         assert ax.get_window_extent().x0 <= box.x0 <= box.x1 <= ax.get_window_extent().x1 + 1
+
+
+def test_frontier_joins_the_names_of_a_curve_in_their_order():
+    ax = plots.frontier(CROWDED, curve=["COT x 10", "COT x 1", "naive OT"])
+    assert np.allclose(ax.get_lines()[0].get_xdata(), [0.02, 0.2, 0.48])
 
 
 def test_frontier_takes_what_the_diagnostics_return_and_uses_the_given_axes():
@@ -306,6 +312,7 @@ BAD_CALLS = {
     "points is empty": lambda: plots.frontier([]),
     "errors has ['b']": lambda: plots.frontier([frontier_point("a", "adaptive")], errors={"b": 1}),
     "labels has ['b']": lambda: plots.frontier([frontier_point("a", "x")], labels={"b": "c"}),
+    "curve has ['b']": lambda: plots.frontier([frontier_point("a", "adaptive")], curve=["b"]),
     "skew of 'a' must be finite": lambda: plots.frontier([frontier_point("a", "x", float("nan"))]),
     "one_step_variance must be positive": lambda: plots.frontier(
         [frontier_point("a", "x", 0.1, 0.0)], log=True
