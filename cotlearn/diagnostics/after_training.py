@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Sampler, generator_for, squared_distances
+from cotlearn.couplings.base import Coupling, Pairs, Sampler, generator_for, squared_distances
 from cotlearn.flows.matching import Velocity
 from cotlearn.flows.solvers import integrate, sampler
 from cotlearn.metrics import (
@@ -50,8 +50,10 @@ def deployment_gap(
 ) -> DeploymentGap:
     """The same network asked twice: with noise as the coupling pairs it, and with fresh noise.
 
-    Both times the samples are compared with the data x1 of the same conditions, jointly with c
+    Both times the samples are compared with fresh data of the same conditions, jointly with c
     (whose distance weighs 100 times the sample's). The fresh noise is the coupled one, shuffled.
+    Where the data cannot draw x1 given c, or every condition occurs once, they are compared with
+    the x1 of the pairs themselves, and `coupled` is too small by up to a sampling floor.
 
     Args:
         network: the trained velocity.
@@ -72,7 +74,7 @@ def deployment_gap(
             raise TypeError("deployment_gap needs data with a condition c, got None")
         shuffle = torch.randperm(n, generator=generator_for(seed, number, purpose=10))
         weight = _heavy(pairs.x1, pairs.c)
-        truth = torch.cat([pairs.x1, weight * pairs.c], dim=1)
+        truth = torch.cat([_fresh(data, pairs, seed, number), weight * pairs.c], dim=1)
         errors.append(
             [
                 squared_w2(
@@ -87,6 +89,15 @@ def deployment_gap(
     return DeploymentGap(
         float(coupled.mean()), float(fresh.mean()), float((fresh - coupled).mean()), interval
     )
+
+
+def _fresh(data: Sampler, pairs: Pairs, seed: int, number: int) -> Tensor:
+    """Data of the pairs' conditions, drawn without looking at the noise they were paired with."""
+    draw = getattr(data, "sample_given", None)
+    if draw is None:
+        return pairs.x1
+    x1: Tensor = draw(pairs.c, generator=generator_for(seed, number, purpose=12))
+    return x1
 
 
 @dataclass(frozen=True)
@@ -138,6 +149,8 @@ def error_budget(
         conditions: (m, k); `data.conditions()` if None.
         seed: the same for all four parts.
     """
+    check_count(nfe, "nfe")
+    check_count(fine, "fine")
     size = getattr(network, "dim", None) if dim is None else dim
 
     def error(velocity: Velocity, steps: int) -> float:

@@ -56,12 +56,15 @@ def between_within(
     c = check_condition(c)
     check_same_rows(c, "c", x1, "x1")
     check_count(neighbours, "neighbours", minimum=2)
-    rows = np.random.default_rng(seed).permutation(len(x1))[: check_count(max_rows, "max_rows")]
+    rng = np.random.default_rng(seed)
+    rows = rng.permutation(len(x1))[: check_count(max_rows, "max_rows")]
     if neighbours >= len(rows):
         raise ValueError(f"neighbours must be below the {len(rows)} rows, got {neighbours}")
     x = to_numpy(x1)[rows]
     total = float(x.var(axis=0).sum())
-    within = local_variance(unit_variance(to_numpy(c)[rows]), x, neighbours).mean()
+    ties = 1e-6 * rng.random((len(rows), 1))  # or all rows of a label get the same neighbours
+    places = np.hstack([unit_variance(to_numpy(c)[rows]), ties])
+    within = local_variance(places, x, neighbours).mean()
     within = min(float(within), total)
     return BetweenWithin(total, within, total - within)
 
