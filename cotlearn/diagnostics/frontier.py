@@ -10,12 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy import stats
 from sklearn.neighbors import NearestNeighbors
 from torch import Tensor
 
 from cotlearn.couplings.base import Coupling, Pairs, generator_for, squared_distances, to_numpy
 from cotlearn.datasets import Dataset
-from cotlearn.diagnostics.skew import PriorSkew, prior_skew, unit_variance
+from cotlearn.diagnostics.skew import MINIMUM_ROWS, PriorSkew, prior_skew, unit_variance
 from cotlearn.diagnostics.spread import local_variance
 from cotlearn.metrics import squared_w2
 from cotlearn.progress import progress_bar
@@ -32,7 +33,7 @@ class FrontierPoint:
         name: the key it was given.
         coupling: `Coupling.name`, for its colour.
         skew: statistic of `prior_skew`: 0 for none.
-        skew_interval: 95 % bootstrap interval over repetitions.
+        skew_interval: 95 % Student interval over repetitions.
         flagged: the skew is significant.
         one_step_variance: E tr Var(x1 | x0, c), by nearest neighbours.
         one_step_variance_interval: 95 % bootstrap interval over rows.
@@ -98,7 +99,7 @@ def frontier(
         c: (N, k) their conditions.
         couplings: name -> coupling.
         batch_size: rows of the OT batch, for those that pair batches.
-        rows: pairs that are looked at.
+        rows: pairs that are looked at, at least 100.
         neighbours: of the estimates of E[x1 | x0, c] and of its variance.
         repetitions: independent draws of pairs behind the skew and its interval, at least 2.
         seed: of everything.
@@ -111,12 +112,15 @@ def frontier(
         raise ValueError(f"x1 needs at least 200 rows for a frontier, got {len(x1)}")
     if not couplings:
         raise ValueError("couplings is empty: give at least one name and coupling")
-    for name, value in (("rows", rows), ("neighbours", neighbours), ("batch_size", batch_size)):
+    for name, value in (("neighbours", neighbours), ("batch_size", batch_size)):
         check_count(value, name, minimum=2)
     check_count(repetitions, "repetitions", minimum=2)
+    if neighbours >= check_count(rows, "rows", minimum=MINIMUM_ROWS):
+        raise ValueError(f"neighbours must be below rows {rows}, got {neighbours}")
     held_out = torch.randperm(len(x1), generator=generator_for(seed, 0)) < len(x1) // 4
     train = Dataset(x1[~held_out], c[~held_out])
     test = Dataset(x1[held_out], c[held_out])
+    batch_size = min(batch_size, len(train))
     points = []
     with progress_bar(total=len(couplings), what="frontier", show=progress) as bar:
         for name, coupling in couplings.items():
@@ -139,8 +143,10 @@ def frontier(
 def _draw(
     coupling: Coupling, data: Dataset, batch_size: int, rows: int, seed: int
 ) -> tuple[Pairs, float]:
-    """About `rows` pairs in whole batches, and the seconds they took."""
-    batch_size = min(batch_size, len(data))
+    """About `rows` pairs in whole batches, and the seconds they took.
+
+    Where pairs carry weights, each is kept with a probability proportional to its weight.
+    """
     stream = coupling.stream(
         data, batch_size=batch_size, generator=torch.Generator().manual_seed(seed)
     )
@@ -148,7 +154,13 @@ def _draw(
     started = time.perf_counter()
     parts = [next(stream) for _ in range(max(1, math.ceil(rows / batch_size)))]
     took = time.perf_counter() - started
-    return Pairs(*(torch.cat([getattr(p, n) for p in parts]) for n in _COLUMNS)), took
+    pairs = Pairs(*(torch.cat([getattr(p, n) for p in parts]) for n in _COLUMNS))
+    if parts[0].weight is not None:
+        weight = torch.cat([part.weight for part in parts if part.weight is not None])
+        luck = torch.rand(len(weight), generator=generator_for(seed, 0, purpose=11))
+        kept = luck < weight / weight.max()
+        pairs = pairs.map(lambda value: value[kept])
+    return pairs, took
 
 
 _COLUMNS = ("x0", "x1", "c", "source_index", "target_index")
@@ -170,7 +182,7 @@ def _point(
         rng = generator_for(seed, number, purpose=7)
         skews.append(prior_skew(pairs.x0, pairs.c, generator=rng))
     statistics = np.array([skew.statistic for skew in skews])
-    spread = statistics.std(ddof=1) / math.sqrt(len(statistics))
+    reach = stats.t.ppf(0.975, len(statistics) - 1) * stats.sem(statistics)
     pairs = draws[0]
     assert pairs.c is not None
     places = _places(pairs, pairs.x0, pairs.c)
@@ -183,7 +195,7 @@ def _point(
         name=name,
         coupling=coupling.name,
         skew=middle,
-        skew_interval=(middle - 1.96 * spread, middle + 1.96 * spread),
+        skew_interval=(middle - float(reach), middle + float(reach)),
         flagged=float(np.median(p_values)) <= 0.01,
         one_step_variance=float(variance.mean()),
         one_step_variance_interval=(float(low), float(high)),

@@ -11,7 +11,7 @@ from torch import Tensor
 from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, StratifiedOT
 from cotlearn.diagnostics.frontier import Frontier, FrontierPoint, frontier
 from cotlearn.diagnostics.spread import BetweenWithin, between_within
-from cotlearn.validation import check_condition, check_count
+from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
 
 USEFUL = 0.8  #: a coupling must cut the predicted one-step error of independent to this share
 NARROW = 0.02  #: below this share of variance within conditions there is nothing to straighten
@@ -62,7 +62,9 @@ def recommend(
         seed: of everything.
         progress: show a bar; None: in terminals and notebooks.
     """
+    check_matrix(x1, "x1")
     c = check_condition(c)
+    check_same_rows(c, "c", x1, "x1")
     check_count(batch_size, "batch_size", minimum=2)
     couplings = candidates(x1, c)
     found = frontier(

@@ -1,0 +1,115 @@
+"""What is recommended, and that it is never a skewed coupling."""
+
+import pytest
+import torch
+
+from cotlearn import mixtures
+from cotlearn.couplings import ConditionalOT, Coupling, Independent, StratifiedOT
+from cotlearn.diagnostics import recommend
+from cotlearn.flows import VelocityMLP, fit
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def advice(x1, c, **options):
+    return recommend(x1, c, **{"rows": 1024, "progress": False, **options})
+
+
+@pytest.mark.parametrize("name", ["petals", "rotating_pair", "moving_modes"])
+def test_several_modes_within_conditions_call_for_a_conditional_coupling(name):
+    x1, c = getattr(mixtures, name)().sample(1600, generator=seeded())
+    chosen = advice(x1, c)
+    assert isinstance(chosen.coupling, ConditionalOT | StratifiedOT)
+    assert not chosen.frontier[chosen.name].flagged
+    assert chosen.frontier["naive OT"].flagged
+    assert chosen.frontier[chosen.name].one_step_error < (
+        0.8 * chosen.frontier["independent"].one_step_error
+    )
+    assert f"Use {chosen.name}" in chosen.reason
+    assert "\n" not in chosen.reason  # one paragraph
+
+
+def test_one_mode_for_each_condition_needs_no_coupling():
+    """x1 = f(c) and a little noise: a regression would do."""
+    c = torch.rand(800, 1, generator=seeded())
+    x1 = torch.cat([torch.sin(4 * c), c], dim=1) + 0.01 * torch.randn(800, 2, generator=seeded(1))
+    chosen = advice(x1, c)
+    assert isinstance(chosen.coupling, Independent)
+    assert "anything to straighten" in chosen.reason
+    assert chosen.spread.between_share > 0.98
+
+
+def test_conditions_without_neighbours_need_no_coupling():
+    """30 columns of noise, in which no row is near another."""
+    x1, _ = mixtures.petals().sample(800, generator=seeded())
+    chosen = advice(x1, torch.randn(800, 30, generator=seeded(1)))
+    assert isinstance(chosen.coupling, Independent)
+    assert "Use independent pairs" in chosen.reason
+
+
+def test_a_condition_that_says_nothing_leaves_naive_ot_harmless():
+    """Then x0 cannot depend on c, and nobody should be warned of skew."""
+    x1, _ = mixtures.petals().sample(1000, generator=seeded())
+    c = torch.eye(2)[torch.randint(2, (1000,), generator=seeded(1))]
+    chosen = advice(x1, c)
+    assert not chosen.frontier["naive OT"].flagged
+    assert not isinstance(chosen.coupling, Independent)
+    assert "does not visibly skew" in chosen.reason
+
+
+def test_constant_conditions():
+    x1, _ = mixtures.petals().sample(800, generator=seeded())
+    chosen = advice(x1, torch.full((800, 1), 0.1))
+    assert not chosen.frontier[chosen.name].flagged
+    assert chosen.frontier[chosen.name].one_step_error < (
+        0.8 * chosen.frontier["independent"].one_step_error
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_skewed_coupling_is_never_picked(seed):
+    """Small noisy data of all sorts."""
+    g = seeded(seed)
+    c = torch.randn(400, 2, generator=g)
+    x1 = seed * c + torch.randn(400, 2, generator=g).sign() + 0.2 * torch.randn(400, 2, generator=g)
+    chosen = advice(x1, c, rows=512, batch_size=128, seed=seed)
+    if not isinstance(chosen.coupling, Independent):
+        assert not chosen.frontier[chosen.name].flagged
+
+
+def test_what_is_recommended_trains():
+    data = mixtures.petals()
+    chosen = advice(*data.sample(400, generator=seeded()), rows=512)
+    assert isinstance(chosen.coupling, Coupling)
+    if isinstance(chosen.coupling, StratifiedOT):
+        chosen.coupling.n_samples = 256
+    result = fit(VelocityMLP(2, 4, width=8, depth=1, seed=0), data, chosen.coupling, steps=3,
+                 batch_size=64, progress=False)  # fmt: skip
+    assert len(result.history["loss"]) == 1
+
+
+def test_the_same_seed_gives_the_same_advice():
+    x1, c = mixtures.rotating_pair().sample(400, generator=seeded())
+    one, two = (advice(x1, c, rows=512, seed=4) for _ in range(2))
+    assert (one.name, one.reason, one.spread) == (two.name, two.reason, two.spread)
+
+
+X, C = torch.randn(220, 2), torch.randn(220, 1)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: recommend(X[:150], C[:150]), ValueError, "x1 needs at least 200 rows"),
+        (lambda: recommend(X, C[:9]), ValueError, "c has 9 rows, x1 has 220"),
+        (lambda: recommend(X, C[:, 0]), ValueError, "c must have shape"),
+        (lambda: recommend(X / 0, C), ValueError, "x1 has NaN"),
+        (lambda: recommend([0.0], C), TypeError, "x1 must be a torch tensor"),
+        (lambda: recommend(X, C, batch_size=1), ValueError, "batch_size must be at least 2"),
+    ],
+)
+def test_bad_input(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
