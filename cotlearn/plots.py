@@ -896,7 +896,8 @@ def frontier(
         log: whether the one-step variance has a logarithmic axis.
 
     Raises:
-        ValueError: no points, values that are not finite, or errors, labels and curves of unknown names.
+        ValueError: no points, values that are not finite, or unknown names in errors,
+            labels or curve.
     """
     shown = list(points)
     names = [point.name for point in shown]
