@@ -53,7 +53,8 @@ def exact_permutation(cost: Array, *, dim: int | None = None) -> Index:
     Raises:
         ValueError: the cost is not square, is empty, or is not finite.
     """
-    cost = _enlarged(_check_cost(cost))
+    cost = _check_cost(cost)
+    cost = _enlarged(cost - cost.min())  # POT takes a warm start amiss where costs are negative
     if dim is not None and dim <= FEW_DIMENSIONS:
         columns = _simplex(cost) if len(cost) >= LARGE_BATCH else linear_sum_assignment(cost)[1]
     elif len(cost) >= LARGE_BATCH_MANY_DIMENSIONS:

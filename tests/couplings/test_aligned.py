@@ -110,6 +110,7 @@ def test_evaluations_are_counted(variant, classes, expected):
     assert coupling.evaluations == network.rows == expected
 
 
+@pytest.mark.filterwarnings("error")
 def test_full_without_a_condition_needs_two_evaluations_a_row():
     x0, x1, _ = batch(200)  # and no limit of 64 rows
     coupling = looking_at(Counted(0), "full")
