@@ -54,7 +54,7 @@ def pair_weights(answer: Any) -> None:
 def evaluations(answer: Any) -> None:
     """B rows at t = 1, and B for each distinct condition at t = 0."""
     _expect_function(answer)
-    for rows, conditions in ((64, 1), (64, 4), (256, 10), (64, 64)):
+    for rows, conditions in ((64, 4), (64, 1), (256, 10), (64, 64)):
         value = _number(answer(rows, conditions))
         right = rows * (1 + conditions)
         hints = [

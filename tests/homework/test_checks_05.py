@@ -1,0 +1,62 @@
+"""The mistakes that learners make in notebook 05 get a sentence that helps."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from cotlearn.homework import Verdict, check
+
+
+def raised(errors, fraction, boost, *, descending=False, others=1.0, more=0):
+    weights = torch.full_like(errors, others)
+    chosen = int(len(errors) * fraction) + more
+    weights[errors.argsort(descending=descending)[:chosen]] = 1 + boost
+    return weights
+
+
+def mean_one(**options):
+    def answer(errors, fraction, boost):
+        weights = raised(errors, fraction, boost, **options)
+        return weights / weights.mean()
+
+    return answer
+
+
+def changes_errors(errors, fraction, boost):
+    errors += 1
+    return errors
+
+
+WRONG = [
+    ("05.pair_weights", raised, "divide by the mean"),
+    ("05.pair_weights", mean_one(descending=True), "highest error"),
+    ("05.pair_weights", mean_one(others=0.0), "top-k"),
+    ("05.pair_weights", mean_one(more=1), "one too many"),
+    ("05.pair_weights", lambda e, p, b: raised(e, p, b) / raised(e, p, b).sum(), "not sum 1"),
+    ("05.pair_weights", changes_errors, "changed the errors"),
+    ("05.pair_weights", lambda e, p, b: e[:2], "shape"),
+    ("05.pair_weights", lambda e, p, b: e / 0, "NaN or infinite"),
+    ("05.pair_weights", lambda e, p, b: torch.ones_like(e), "expected ["),
+    ("05.evaluations", lambda B, K: 2 * B * B, "one pair at a time"),
+    ("05.evaluations", lambda B, K: 2 * B * K, "B rows only"),
+    ("05.evaluations", lambda B, K: B * K, "add t = 1"),
+    ("05.evaluations", lambda B, K: B, "add t = 0"),
+    ("05.evaluations", lambda B, K: 7, "distinct conditions"),
+    ("05.evaluations", lambda B, K: "many", "one number"),
+    ("05.at_zero", lambda x0, x1: torch.cdist(x1, x0).square(), "transposed"),
+    ("05.at_zero", torch.cdist, "squared"),
+    ("05.at_zero", lambda x0, x1: 2 * torch.cdist(x0, x1).square(), "not their sum"),
+    ("05.at_zero", lambda x0, x1: (x0 - x1).square().sum(dim=1), "shape (5, 5)"),
+    ("05.at_zero", lambda x0, x1: torch.zeros(5, 5), "what is left"),
+]
+
+
+@pytest.mark.parametrize(("name", "answer", "hint"), WRONG)
+def test_a_mistake_gets_a_hint(name, answer, hint, capsys):
+    assert check(answer, name) is Verdict.NOT_YET
+    assert hint in capsys.readouterr().out
+
+
+def test_numbers_of_any_kind_count():
+    assert check(lambda B, K: torch.tensor(B * (1 + K)), "05.evaluations") is Verdict.CORRECT
