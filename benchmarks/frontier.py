@@ -45,12 +45,11 @@ from cotlearn.couplings import (
     MinibatchOT,
     StratifiedOT,
 )
-from cotlearn.couplings.base import squared_distances
 from cotlearn.datasets import Dataset, digits
 from cotlearn.diagnostics import frontier
 from cotlearn.flows import VelocityMLP, fit, integrate
 from cotlearn.gaussian import LinearGaussian
-from cotlearn.metrics import squared_w2
+from cotlearn.metrics import joint_squared_w2
 from cotlearn.mixtures import fork, moons, moving_modes, petals, rotating_pair
 from cotlearn.storage import atomic_path
 
@@ -192,12 +191,7 @@ def error(
     for repeat in range(SETTING["evaluation_repeats"]):
         g = torch.Generator().manual_seed(10_000 + repeat)
         truth, c = data.fresh(SETTING["evaluation_rows"], g)
-        weight = math.sqrt(
-            100 * squared_distances(truth, truth).mean() / squared_distances(c, c).mean()
-        )
-        for _ in range(draws):
-            both = (torch.cat([x, weight * c], dim=1) for x in (sample(c, g), truth))
-            values.append(squared_w2(*both))
+        values += [joint_squared_w2(sample(c, g), truth, c) for _ in range(draws)]
     return float(np.mean(values))
 
 

@@ -16,7 +16,7 @@ from torch import Tensor
 from cotlearn.couplings.base import squared_distances, to_numpy
 from cotlearn.flows.matching import Velocity
 from cotlearn.flows.solvers import ConditionalSampler, integrate
-from cotlearn.validation import check_condition, check_count, check_matrix
+from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
 
 
 class ConditionalData(Protocol):
@@ -43,6 +43,29 @@ def squared_w2(a: Tensor, b: Tensor) -> float:
     cost = squared_distances(a, b)
     n, m = cost.shape
     return float(ot.emd2(np.full(n, 1 / n), np.full(m, 1 / m), cost, numItermax=10_000_000))
+
+
+def joint_squared_w2(a: Tensor, b: Tensor, c: Tensor) -> float:
+    """Squared W2 between samples a and b of the same conditions c, jointly with c.
+
+    The condition's squared distance weighs 100 times the sample's on average, so much that samples
+    hardly leave theirs. It serves where c is continuous and each value comes once; where there are
+    many samples of each condition, `conditional_squared_w2` says more.
+
+    Args:
+        a: (n, d).
+        b: (n, d).
+        c: (n, k), the condition of row i of a and of row i of b.
+    """
+    check_matrix(a, "a")
+    check_matrix(b, "b", columns=a.shape[1])
+    c = check_condition(c)
+    check_same_rows(b, "b", a, "a")
+    check_same_rows(c, "c", a, "a")
+    spread = squared_distances(c, c).mean()
+    scale = (100 * squared_distances(b, b).mean() / spread) ** 0.5 if spread else 0.0
+    heavy = scale * c.double()
+    return squared_w2(*(torch.cat([x.double(), heavy], dim=1) for x in (a, b)))
 
 
 def conditional_squared_w2(

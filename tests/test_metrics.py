@@ -15,6 +15,7 @@ from cotlearn.metrics import (
     bootstrap_interval,
     conditional_squared_w2,
     energy_distance,
+    joint_squared_w2,
     squared_w2,
     straightness,
     wilson_interval,
@@ -279,3 +280,18 @@ def test_bootstrap_is_close_to_the_normal_interval():
 def test_bad_input(call, error, message):
     with pytest.raises(error, match=message):
         call()
+
+
+def test_joint_squared_w2_is_exact_where_conditions_are_far_apart():
+    """One row per condition: nobody leaves theirs, so the distance is the rows' own."""
+    a = torch.randn(20, 2, generator=torch.Generator().manual_seed(0))
+    c = torch.arange(20.0)[:, None]
+    assert joint_squared_w2(a, a + 0.1, c) == pytest.approx(0.02, rel=1e-4)
+
+
+def test_joint_squared_w2_names_the_argument():
+    a, c = torch.zeros(4, 2), torch.zeros(4, 1)
+    with pytest.raises(ValueError, match="b has 3 rows"):
+        joint_squared_w2(a, a[:3], c)
+    with pytest.raises(ValueError, match="c has 3 rows"):
+        joint_squared_w2(a, a, c[:3])

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Pairs, Sampler, generator_for, squared_distances
+from cotlearn.couplings.base import Coupling, Pairs, Sampler, generator_for
 from cotlearn.flows.matching import Velocity
 from cotlearn.flows.solvers import integrate, sampler
 from cotlearn.metrics import (
     ConditionalData,
     bootstrap_interval,
     conditional_squared_w2,
-    squared_w2,
+    joint_squared_w2,
 )
 from cotlearn.validation import check_count
 
@@ -73,14 +72,10 @@ def deployment_gap(
         if pairs.c is None:
             raise TypeError("deployment_gap needs data with a condition c, got None")
         shuffle = torch.randperm(n, generator=generator_for(seed, number, purpose=10))
-        weight = _heavy(pairs.x1, pairs.c)
-        truth = torch.cat([_fresh(data, pairs, seed, number), weight * pairs.c], dim=1)
+        truth = _fresh(data, pairs, seed, number)
         errors.append(
             [
-                squared_w2(
-                    torch.cat([integrate(network, x0, pairs.c, nfe=nfe).x1, weight * pairs.c], 1),
-                    truth,
-                )
+                joint_squared_w2(integrate(network, x0, pairs.c, nfe=nfe).x1, truth, pairs.c)
                 for x0 in (pairs.x0, pairs.x0[shuffle])
             ]
         )
@@ -168,9 +163,3 @@ def error_budget(
 
 def _rng(seed: int) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
-
-
-def _heavy(x1: Tensor, c: Tensor) -> float:
-    """The factor of c that makes its squared distance 100 times the sample's on average."""
-    spread = squared_distances(c, c).mean()
-    return math.sqrt(100 * squared_distances(x1, x1).mean() / spread) if spread else 0.0

@@ -14,11 +14,11 @@ from scipy import stats
 from sklearn.neighbors import NearestNeighbors
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Pairs, generator_for, squared_distances, to_numpy
+from cotlearn.couplings.base import Coupling, Pairs, generator_for, to_numpy
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics.skew import MINIMUM_ROWS, PriorSkew, prior_skew, unit_variance
 from cotlearn.diagnostics.spread import local_variance
-from cotlearn.metrics import squared_w2
+from cotlearn.metrics import joint_squared_w2
 from cotlearn.progress import progress_bar
 from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
 
@@ -217,8 +217,7 @@ def one_step_error(pairs: Pairs, test: Dataset, neighbours: int = 10, seed: int 
     """Squared W2 between E[x1 | x0, c] at fresh noise and held-out x1, jointly with c.
 
     The conditional mean is what a one-step model learns; it is estimated by the mean over the
-    nearest pairs. At fresh noise a skewed coupling has no near pairs, and pays for it. Conditions
-    count in the distance with a weight so large that samples hardly leave theirs.
+    nearest pairs. At fresh noise a skewed coupling has no near pairs, and pays for it.
     """
     assert pairs.c is not None
     assert test.c is not None
@@ -230,13 +229,4 @@ def one_step_error(pairs: Pairs, test: Dataset, neighbours: int = 10, seed: int 
     near = NearestNeighbors(n_neighbors=neighbours).fit(_places(pairs, pairs.x0, pairs.c))
     index = near.kneighbors(_places(pairs, x0, c), return_distance=False)
     mean = torch.from_numpy(to_numpy(pairs.x1)[index].mean(axis=1))
-    truth = test.x1[rows].double()
-    weight = math.sqrt(_heavy(truth, c))
-    joined = [torch.cat([x, weight * c.double()], dim=1) for x in (mean, truth)]
-    return squared_w2(*joined)
-
-
-def _heavy(x: Tensor, c: Tensor) -> float:
-    """A weight that makes the condition's squared distance 100 times the sample's on average."""
-    spread = squared_distances(c, c).mean()
-    return float(100 * squared_distances(x, x).mean() / spread) if spread else 0.0
+    return joint_squared_w2(mean, test.x1[rows].double(), c)
