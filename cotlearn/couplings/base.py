@@ -179,6 +179,10 @@ class Coupling:
         """
         return 1.0
 
+    def epoch_rows(self, data: Sampler) -> int:
+        """Rows of an epoch, where a whole epoch is paired at once; 0 where batches are."""
+        return 0
+
     def observe(self, network: torch.nn.Module, step: int) -> None:
         """See the current (EMA) network before `step`; most couplings do not look."""
 

@@ -134,6 +134,10 @@ class StratifiedOT(Coupling):
                 yield joined.map(lambda value, rows=rows: value[rows])  # type: ignore[misc]
             number, first = number + 1, 0
 
+    def epoch_rows(self, data: Sampler) -> int:
+        """Rows that are paired at once: the data set, or n_samples."""
+        return self._size(data)
+
     def _epoch(self, data: Any, source: Source | None, rng: torch.Generator) -> Pairs:
         """Fresh noise for every row of the data, paired."""
         x1, c = data.sample(self.n_samples, generator=rng) if self.n_samples else (data.x1, data.c)

@@ -127,14 +127,13 @@ def frontier(
             draws: list[Pairs] = []
             seconds = 0.0
             for repetition in range(repetitions):
-                pairs, took = _draw(coupling, train, batch_size, rows, seed + repetition)
+                pairs, each = _draw(coupling, train, batch_size, rows, seed + repetition)
                 draws.append(pairs)
-                seconds += took
-            per_1000 = 1000 * seconds / sum(len(pairs) for pairs in draws)
+                seconds += each / repetitions
             batch = draws[0].map(lambda value: value[:batch_size])
             candidates = coupling.candidates(batch.x0, batch.x1, batch.c)
             points.append(
-                _point(name, coupling, draws, test, per_1000, candidates, neighbours, seed)
+                _point(name, coupling, draws, test, 1000 * seconds, candidates, neighbours, seed)
             )
             bar.update()
     return Frontier(tuple(points))
@@ -143,7 +142,7 @@ def frontier(
 def _draw(
     coupling: Coupling, data: Dataset, batch_size: int, rows: int, seed: int
 ) -> tuple[Pairs, float]:
-    """About `rows` pairs in whole batches, and the seconds they took.
+    """About `rows` pairs in whole batches, and the seconds of pairing that each took.
 
     Where pairs carry weights, each is kept with a probability proportional to its weight.
     """
@@ -153,14 +152,22 @@ def _draw(
     next(stream)  # fits clusters and potentials, once
     started = time.perf_counter()
     parts = [next(stream) for _ in range(max(1, math.ceil(rows / batch_size)))]
-    took = time.perf_counter() - started
+    seconds = (time.perf_counter() - started) / (len(parts) * batch_size)
+    epoch = coupling.epoch_rows(data) // batch_size
+    if epoch:  # pairs are solved for a whole epoch at its first batch: time a whole one
+        for _ in range(-(1 + len(parts)) % epoch):
+            next(stream)
+        started = time.perf_counter()
+        for _ in range(epoch):
+            next(stream)
+        seconds = (time.perf_counter() - started) / (epoch * batch_size)
     pairs = Pairs(*(torch.cat([getattr(p, n) for p in parts]) for n in _COLUMNS))
     if parts[0].weight is not None:
         weight = torch.cat([part.weight for part in parts if part.weight is not None])
         luck = torch.rand(len(weight), generator=generator_for(seed, 0, purpose=11))
         kept = luck < weight / weight.max()
         pairs = pairs.map(lambda value: value[kept])
-    return pairs, took
+    return pairs, seconds
 
 
 _COLUMNS = ("x0", "x1", "c", "source_index", "target_index")

@@ -219,3 +219,11 @@ ONE = {"independent": Independent()}
 def test_bad_input(call, error, message):
     with pytest.raises(error, match=message):
         call()
+
+
+def test_seconds_of_epochs_count_the_assignments():
+    """Strata are solved at the first batch of an epoch; the other batches cost next to nothing."""
+    x1, c = mixtures.rotating_pair().sample(4000, generator=torch.Generator().manual_seed(0))
+    couplings = {"strata": StratifiedOT(3), "independent": Independent()}
+    points = frontier(x1, c, couplings, rows=256, batch_size=128, repetitions=2)
+    assert points["strata"].seconds > 5 * points["independent"].seconds
