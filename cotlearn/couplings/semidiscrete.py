@@ -31,6 +31,8 @@ from cotlearn.validation import (
     check_same_rows,
 )
 
+UNCONVERGED = 0.25  #: marginal error above its floor that is worth a warning
+
 
 class SemidiscreteOT(Coupling):
     """Noise (x0, c0) meets row argmin_j |x0 - x1_j|^2 + w |c0 - c_j|^2 - phi_j of all the data.
@@ -132,6 +134,14 @@ class SemidiscreteOT(Coupling):
                 bar.update()
         self._phi = average
         self._errors = self._marginal(source)
+        if self.marginal_error > self.marginal_floor + UNCONVERGED:
+            warnings.warn(
+                f"the potential has not converged: rows are chosen {self.marginal_error:.2f} away "
+                f"from equally often (as many exact draws: {self.marginal_floor:.2f}), so that the "
+                f"pairs' data are not your data; raise iterations above {self.iterations}",
+                RuntimeWarning,
+                stacklevel=2,
+            )
         self._fitted_to = (source,)
         return self
 

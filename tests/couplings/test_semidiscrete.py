@@ -299,3 +299,9 @@ def test_a_weight_that_drowns_the_samples_is_told():
 def test_bad_input(call, error, message, data):
     with pytest.raises(error, match=message):
         call(data)
+
+
+def test_a_potential_that_has_not_converged_says_so():
+    x1 = 3 * torch.randn(2000, 2, generator=torch.Generator().manual_seed(0))
+    with pytest.warns(RuntimeWarning, match="raise iterations above 3"):
+        SemidiscreteOT(iterations=3, batch_size=16).fit(x1, progress=False)
