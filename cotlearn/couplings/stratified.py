@@ -34,7 +34,7 @@ class StratifiedOT(Coupling):
     Each noise row chooses among the N/K rows of its cluster instead of the 1 + (B - 1)/K of a
     minibatch, every row of the data is used once an epoch, and p(x0 | cluster) is exactly the
     prior. Inside a cluster x0 still depends on c: finer clusters leave less of that, larger ones
-    straighten more. `docs`: this project's own form of conditional OT.
+    straighten more. This project's own form of conditional OT.
 
     Args:
         clusters: K clusters by k-means on the standardised conditions, fitted anew to the data of
