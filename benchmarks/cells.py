@@ -45,7 +45,7 @@ class Table:
             "protocol": protocol,
             "versions": {
                 "python": platform.python_version(),
-                **{n: importlib.metadata.version(n) for n in ("torch", "numpy", "POT", "lapx")},
+                **{n: importlib.metadata.version(n) for n in ("torch", "numpy", "scipy", "POT")},
             },
             "machine": f"one of {os.cpu_count()} CPU cores of a shared server, "
             f"{platform.machine()}, {torch.get_num_threads()} thread",

@@ -119,7 +119,7 @@ def main() -> None:
         "tables": tables,
         "versions": {
             "python": platform.python_version(),
-            **{n: importlib.metadata.version(n) for n in ("torch", "numpy", "POT", "lapx")},
+            **{n: importlib.metadata.version(n) for n in ("torch", "numpy", "scipy", "POT")},
         },
         "machine": f"one of {os.cpu_count()} CPU cores of a shared server, {platform.machine()}",
         "cpu_seconds": round(time.process_time()),

@@ -13,6 +13,7 @@ from scipy import stats
 from scipy.spatial.distance import cdist
 from torch import Tensor
 
+from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.couplings.base import squared_distances, to_numpy
 from cotlearn.flows.matching import Velocity
 from cotlearn.flows.solvers import ConditionalSampler, integrate
@@ -32,7 +33,7 @@ class ConditionalData(Protocol):
 
 
 def squared_w2(a: Tensor, b: Tensor) -> float:
-    """The squared 2-Wasserstein distance between two samples, exactly (POT's network simplex).
+    """The squared 2-Wasserstein distance between two samples, exactly.
 
     Args:
         a: (n, d).
@@ -42,6 +43,8 @@ def squared_w2(a: Tensor, b: Tensor) -> float:
     check_matrix(b, "b", columns=a.shape[1])
     cost = squared_distances(a, b)
     n, m = cost.shape
+    if n == m:
+        return float(cost[np.arange(n), exact_permutation(cost)].mean())
     return float(ot.emd2(np.full(n, 1 / n), np.full(m, 1 / m), cost, numItermax=10_000_000))
 
 

@@ -1,30 +1,22 @@
 """The solvers behind the couplings: exact permutations, entropic plans, and drawing from a plan.
 
-How the exact solver was chosen. Four ways give the same optimum; which is fastest depends on the
-size of the batch and the dimension of the points. Milliseconds for one assignment, cost
-|x0 - x1|^2 from noise to a broad Gaussian / to eight clusters, float64, one thread of a busy
-server CPU, median of five (compare within a row; `benchmarks/assignment.py` measures again):
+How the exact solver works. SciPy's assignment (shortest augmenting paths) takes long because its
+dual potentials start at zero. Potentials f, g may be taken off the cost before it begins,
+c_ij - f_i - g_j has the same optimal permutation, and a few dozen Sinkhorn steps in single
+precision give potentials that are nearly optimal: most rows then find a free column at once. The
+potentials change the time and not the optimum, which SciPy finds in double precision.
 
-    batch, dimension     SciPy        lapx lapjvs    POT emd       POT emd, warm
-      64,  2            .24 / .26     .35 / .29      .26 / .26     .36 / .41
-     128,  2            1.6 / 1.2     2.5 / 1.8      1.1 / .75     1.2 / 1.0
-     128, 16            .83 / 1.2     .41 / 1.2      .93 / .85     .86 / .94
-     256,  2            9.6 / 10      17  / 20       3.9 / 4.1     4.1 / 4.8
-     256, 64            4.0 / 6.7     2.8 / 12       4.2 / 4.2     3.6 / 3.6
-    1024,  2            424 / 424     981 / 1071     103 / 96      102 / 94
-    1024, 64            123 / 441     162 / 186      135 / 190     99  / 93
-
-Points in a few dimensions make hard assignments (many nearly equal augmenting paths), on which
-POT's network simplex is best from 100 rows on; small batches go to SciPy, or in more dimensions
-to Jonker-Volgenant (lapx); large batches in many dimensions gain from starting the simplex at the
-potentials of a few Sinkhorn steps ("warm"), which changes the time and not the optimum.
+The temperature falls from a tenth of the cost's standard deviation to 1/B of it, because the
+distance to the nearest of B points falls likewise, in factors of about five with up to ten
+over-relaxed steps each (Thibault 1711.01851); with larger relaxation (1.7) single problems were
+slower by ten times, and colder ends or more steps gained nothing. `benchmarks/assignment.py`
+measures it beside SciPy alone, POT's network simplex and torchcfm.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import ot
-from lap import lapjvs
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
@@ -32,20 +24,21 @@ from cotlearn.validation import check_number
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Single = NDArray[np.float32]
 
-FEW_DIMENSIONS = 3  #: up to here assignments are hard, and the network simplex is fastest ...
-LARGE_BATCH = 100  #: ... from this many rows on ...
-LARGE_BATCH_MANY_DIMENSIONS = 200  #: ... and in more dimensions from this many, warm
+SMALL_BATCH = 64  #: up to here SciPy is done before potentials would be
+EASY = 0.75  #: share of rows with a cheapest column of their own, above which SciPy needs no help
+RELAXATION = 1.4  #: of the Sinkhorn steps, in [1, 2)
+LEAST = np.float32(1e-18)  #: scalings stay in [1e-18, 1e18], kernels below e^40: no overflow
+LARGEST_EXPONENT = np.float32(40.0)
 UNDERFLOW = 100.0  #: exp(-100) is a number, exp(-1000) is not: beyond this, logarithms
 
 
-def exact_permutation(cost: Array, *, dim: int | None = None) -> Index:
+def exact_permutation(cost: Array) -> Index:
     """The permutation p that minimises sum_i cost[i, p[i]].
 
     Args:
         cost: (B, B), finite.
-        dim: dimension of the points behind the cost, where it is known; only the choice of the
-            solver (and so the time) depends on it.
 
     Returns:
         (B,), the column of each row.
@@ -54,38 +47,47 @@ def exact_permutation(cost: Array, *, dim: int | None = None) -> Index:
         ValueError: the cost is not square, is empty, or is not finite.
     """
     cost = _check_cost(cost)
-    cost = _enlarged(cost - cost.min())  # POT takes a warm start amiss where costs are negative
-    if dim is not None and dim <= FEW_DIMENSIONS:
-        columns = _simplex(cost) if len(cost) >= LARGE_BATCH else linear_sum_assignment(cost)[1]
-    elif len(cost) >= LARGE_BATCH_MANY_DIMENSIONS:
-        columns = _simplex(cost, start=_sinkhorn_potentials(cost))
-    else:
-        columns = lapjvs(cost, return_cost=False, prefer_float32=False)[1]
-    columns = np.asarray(columns, dtype=np.int64)
-    if len(np.unique(columns)) < len(cost):  # a solver gave up: the slowest never does
-        columns = linear_sum_assignment(cost)[1].astype(np.int64)
-    return columns
+    if len(cost) > SMALL_BATCH:
+        reduced = cost - cost.min(axis=0)
+        if len(np.unique(reduced.argmin(axis=1))) < EASY * len(cost):
+            rows, columns = _potentials(reduced)
+            reduced -= rows[:, None]
+            reduced -= columns
+        cost = reduced
+    permutation: Index = linear_sum_assignment(cost)[1].astype(np.int64)
+    return permutation
 
 
-def _simplex(cost: Array, start: tuple[Array, Array] | None = None) -> Index:
-    weights = np.full(len(cost), 1 / len(cost))
-    plan = ot.emd(weights, weights, cost, numItermax=10_000_000, potentials_init=start)
-    columns: Index = plan.argmax(axis=1)
-    return columns
+def _potentials(cost: Array) -> tuple[Array, Array]:
+    """Nearly optimal dual potentials of an assignment, by Sinkhorn steps that grow colder."""
+    size, scale = len(cost), float(cost.max())
+    if scale == 0:
+        return np.zeros(size), np.zeros(size)
+    single = (cost / scale).astype(np.float32)
+    spread = single.std()
+    single /= spread
+    scale *= float(spread)
+    rows, columns = np.zeros((2, size), np.float32)
+    kernel = np.empty_like(single)
+    steps = min(10, 5 + size // 128)
+    stages = max(2, 1 + round(np.log(0.1 * size) / np.log(5)))
+    for epsilon in np.geomspace(0.1, 1 / size, stages).astype(np.float32):
+        np.subtract(columns, single, out=kernel)
+        kernel += rows[:, None]
+        kernel /= epsilon
+        np.exp(np.minimum(kernel, LARGEST_EXPONENT, out=kernel), out=kernel)
+        u, v = np.ones((2, size), np.float32)
+        for _ in range(steps):
+            u = _relaxed(u, kernel @ v)
+            v = _relaxed(v, u @ kernel)
+        rows, columns = rows + epsilon * np.log(u), columns + epsilon * np.log(v)
+    return scale * rows.astype(np.float64), scale * columns.astype(np.float64)
 
 
-def _sinkhorn_potentials(
-    cost: Array, *, steps: int = 10, share: float = 0.05
-) -> tuple[Array, Array]:
-    """Rough dual potentials, by a few Sinkhorn steps in single precision."""
-    epsilon = max(share * float(cost.std()), np.finfo(np.float32).tiny)
-    kernel = np.exp(((cost.min() - cost) / epsilon).astype(np.float32))
-    u, least = np.ones(len(cost), np.float32), np.float32(1e-20)
-    v = u
-    for _ in range(steps):
-        v = 1 / (kernel.T @ u + least)
-        u = 1 / (kernel @ v + least)
-    return epsilon * np.log(u.astype(np.float64)), epsilon * np.log(v.astype(np.float64))
+def _relaxed(scaling: Single, product: Single) -> Single:
+    """The scaling after an over-relaxed step towards 1 / product, kept within its range."""
+    towards = scaling * (scaling * product + LEAST) ** np.float32(-RELAXATION)
+    return np.clip(towards, LEAST, 1 / LEAST)
 
 
 def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
@@ -121,13 +123,6 @@ def draw_pairs(plan: Array, n: int, rng: np.random.Generator) -> tuple[Index, In
     drawn = rng.choice(flat.size, size=n, p=flat / flat.sum())
     rows, columns = np.divmod(drawn, plan.shape[1])
     return rows, columns
-
-
-def _enlarged(cost: Array) -> Array:
-    """The cost times a power of two, so that POT's absolute tolerance (1e-14) is far below it."""
-    _, exponent = np.frexp(np.abs(cost).max())
-    large: Array = np.ldexp(cost, 40 - exponent)
-    return large
 
 
 def _check_cost(cost: Array) -> Array:

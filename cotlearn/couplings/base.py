@@ -14,6 +14,9 @@ from torch import Tensor
 
 from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
 
+MANY_DIMENSIONS = 16  #: from here on a matrix product is the faster way to distances
+LOST_DIGITS = 1e-6  #: share of |a|^2 + |b|^2 below which a distance is computed directly
+
 
 @dataclass(frozen=True)
 class Pairs:
@@ -225,8 +228,22 @@ def generator_for(seed: int, number: int, purpose: int = 0) -> torch.Generator:
 
 
 def squared_distances(first: Tensor, second: Tensor) -> NDArray[np.float64]:
-    """|a_i - b_j|^2 for all rows, float64, shape (len(first), len(second))."""
-    distances: NDArray[np.float64] = cdist(to_numpy(first), to_numpy(second), "sqeuclidean")
+    """|a_i - b_j|^2 for all rows, float64, shape (len(first), len(second)).
+
+    In many dimensions by a matrix product, and again without it where rows are so near each other
+    that the product would lose digits; equal rows have distance 0 either way.
+    """
+    a, b = to_numpy(first), to_numpy(second)
+    distances: NDArray[np.float64]
+    if a.shape[1] < MANY_DIMENSIONS:
+        distances = cdist(a, b, "sqeuclidean")
+        return distances
+    centre = b.mean(axis=0)
+    a, b = a - centre, b - centre
+    norms = (a * a).sum(axis=1)[:, None] + (b * b).sum(axis=1)
+    distances = norms - 2 * (a @ b.T)
+    rows, columns = np.nonzero(distances < LOST_DIGITS * norms)
+    distances[rows, columns] = ((a[rows] - b[columns]) ** 2).sum(axis=1)
     return distances
 
 

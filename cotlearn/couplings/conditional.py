@@ -97,7 +97,7 @@ class ConditionalOT(Coupling):
         own = rng.permutation(len(x0))  # c0 = c[own]
         sample_cost = squared_distances(x0, x1)
         if self.condition_weight == math.inf:
-            match = self._within_classes(sample_cost, numbers, own, rng, dim=x0.shape[1])
+            match = self._within_classes(sample_cost, numbers, own, rng)
         else:
             condition_cost = self.condition_cost(numbers[torch.from_numpy(own)], numbers)
             weight = self.weight(sample_cost, condition_cost, own)
@@ -109,7 +109,7 @@ class ConditionalOT(Coupling):
                     "use math.inf to pair within equal conditions"
                 )
             warn_if_imprecise(sample_cost, cost, weight)
-            match = self.solver.pair(cost, rng, dim=x0.shape[1])
+            match = self.solver.pair(cost, rng)
         if self.label == "target":
             return match
         label = torch.from_numpy(own[match.source_index]).to(c.device)
@@ -152,8 +152,6 @@ class ConditionalOT(Coupling):
         c: Tensor,
         own: NDArray[np.int64],
         rng: np.random.Generator,
-        *,
-        dim: int,
     ) -> Match:
         """w = infinity: one plan for each distinct condition."""
         _, classes = np.unique(to_numpy(c), axis=0, return_inverse=True)
@@ -161,7 +159,7 @@ class ConditionalOT(Coupling):
         sources, targets = [], []
         for k in range(classes.max() + 1):
             rows, columns = np.flatnonzero(classes[own] == k), np.flatnonzero(classes == k)
-            part = self.solver.pair(sample_cost[np.ix_(rows, columns)], rng, dim=dim)
+            part = self.solver.pair(sample_cost[np.ix_(rows, columns)], rng)
             sources.append(rows[part.source_index])
             targets.append(columns[part.target_index])
         source, target = np.concatenate(sources), np.concatenate(targets)

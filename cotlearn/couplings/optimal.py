@@ -48,15 +48,13 @@ class MinibatchOT(Coupling):
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Pair the batch by its plan."""
-        return self.pair(squared_distances(x0, x1), rng, dim=x0.shape[1])
+        return self.pair(squared_distances(x0, x1), rng)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
         """All rows of the batch."""
         return float(len(x1))
 
-    def pair(
-        self, cost: NDArray[np.float64], rng: np.random.Generator, *, dim: int | None = None
-    ) -> Match:
+    def pair(self, cost: NDArray[np.float64], rng: np.random.Generator) -> Match:
         """Pair by any cost (B, B) with this plan and sampling."""
         rows = np.arange(len(cost))
         if self.plan == "sinkhorn":
@@ -64,7 +62,7 @@ class MinibatchOT(Coupling):
             if self.sampling == "replacement":
                 return Match(*draw_pairs(entropic, len(cost), rng))
             return Match(rows, exact_permutation(-entropic))
-        columns = exact_permutation(cost, dim=dim)
+        columns = exact_permutation(cost)
         if self.sampling == "replacement":  # the plan is uniform over the pairs (i, columns[i])
             rows = rng.integers(len(cost), size=len(cost))
             return Match(rows, columns[rows])

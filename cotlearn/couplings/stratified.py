@@ -77,7 +77,7 @@ class StratifiedOT(Coupling):
         target = np.empty(len(x0), dtype=np.int64)
         for rows in self._solves(label, rng):
             cost = squared_distances(x0[torch.from_numpy(rows)], x1[torch.from_numpy(rows)])
-            target[rows] = rows[exact_permutation(cost, dim=x0.shape[1])]
+            target[rows] = rows[exact_permutation(cost)]
         return Match(np.arange(len(x0)), target)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
