@@ -1,0 +1,64 @@
+"""Every figure of the course.
+
+The functions here draw and compute nothing: what they are given is what is seen. They accept torch
+tensors or numpy arrays, take ``ax=None`` (a new figure) and return the Axes, the array of Axes, or
+the animation. ``style`` says what everything looks like.
+"""
+
+from cotlearn.plots._canvas import PANEL_SIZE, panels
+from cotlearn.plots.distributions import bars, histogram
+from cotlearn.plots.images import image_grid
+from cotlearn.plots.lines import curves, error_against_nfe, training_curves
+from cotlearn.plots.motion import Gif, animate, gif, gif_bytes
+from cotlearn.plots.pairs import pair_lines, paired_source, source_given_condition
+from cotlearn.plots.paths import trajectories, velocity_field
+from cotlearn.plots.points import scatter
+from cotlearn.plots.style import (
+    COLORS,
+    CONDITION_COLORS,
+    CONDITION_MAP,
+    CONDITION_MARKERS,
+    LABELS,
+    LINESTYLES,
+    MARKERS,
+    PATH_COLOR,
+    SOURCE_COLOR,
+    label_of,
+    style_of,
+    use_style,
+)
+from cotlearn.plots.tradeoff import frontier
+
+__all__ = [
+    "COLORS",
+    "CONDITION_COLORS",
+    "CONDITION_MAP",
+    "CONDITION_MARKERS",
+    "LABELS",
+    "LINESTYLES",
+    "MARKERS",
+    "PANEL_SIZE",
+    "PATH_COLOR",
+    "SOURCE_COLOR",
+    "Gif",
+    "animate",
+    "bars",
+    "curves",
+    "error_against_nfe",
+    "frontier",
+    "gif",
+    "gif_bytes",
+    "histogram",
+    "image_grid",
+    "label_of",
+    "pair_lines",
+    "paired_source",
+    "panels",
+    "scatter",
+    "source_given_condition",
+    "style_of",
+    "training_curves",
+    "trajectories",
+    "use_style",
+    "velocity_field",
+]

@@ -1,0 +1,65 @@
+"""Every method keeps one look, and a stranger's look is its own."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+from matplotlib.colors import to_rgb
+
+from cotlearn import plots
+
+COUPLING_NAMES = {
+    "independent",
+    "minibatch_ot",
+    "conditional_ot",
+    "adaptive",
+    "stratified",
+    "semidiscrete",
+    "aligned",
+    "reflow",
+    "truth",
+}
+
+
+def test_every_coupling_has_one_colour_marker_line_and_label():
+    for table in (plots.COLORS, plots.MARKERS, plots.LINESTYLES, plots.LABELS):
+        assert set(table) == COUPLING_NAMES
+    assert len(set(plots.COLORS.values())) == len(COUPLING_NAMES)
+    assert len(set(plots.MARKERS.values())) == len(COUPLING_NAMES)
+    assert len({str(v) for v in plots.LINESTYLES.values()}) == len(COUPLING_NAMES)
+    assert len(set(plots.CONDITION_COLORS)) == len(plots.CONDITION_MARKERS) == 10
+
+
+def test_use_style_changes_the_figure():
+    plt.rcdefaults()
+    plots.use_style()
+    assert not plt.rcParams["axes.spines.top"]
+
+
+def test_colours_are_valid():
+    for color in (*plots.COLORS.values(), *plots.CONDITION_COLORS):
+        assert len(to_rgb(color)) == 3
+
+
+def test_strangers_get_looks_of_their_own_and_keep_them():
+    names = [f"stranger {k}" for k in range(40)]
+    looks = [str(plots.style_of(name)) for name in names]
+    known = {str(plots.style_of(name)) for name in plots.COLORS}
+    assert len({*looks, *known}) == len(names) + len(known)
+    assert [str(plots.style_of(name)) for name in names] == looks
+
+
+def test_two_strangers_in_one_figure_differ_in_all_three_signs():
+    first, second = (plots.style_of(f"neighbour {k}") for k in range(2))
+    assert all(first[sign] != second[sign] for sign in ("color", "marker", "linestyle"))
+    to_rgb(first["color"])
+
+
+def test_labels_that_are_given_come_first():
+    assert plots.label_of("independent", {"independent": "CFM"}) == "CFM"
+    assert plots.label_of("independent", {"reflow": "again"}) == "independent"
+    assert plots.label_of("my own") == "my own"
+
+
+def test_every_public_name_is_there_and_only_those():
+    assert sorted(plots.__all__) == sorted(set(plots.__all__))
+    assert all(hasattr(plots, name) for name in plots.__all__)

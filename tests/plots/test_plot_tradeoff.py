@@ -1,0 +1,102 @@
+"""The frontier."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import torch
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
+from matplotlib.text import Text
+
+from cotlearn import diagnostics, plots
+from cotlearn.couplings import Independent, MinibatchOT
+
+
+def frontier_point(name, coupling, skew=0.1, variance=1.0, width=0.02):
+    return SimpleNamespace(
+        name=name,
+        coupling=coupling,
+        skew=skew,
+        skew_interval=(skew - width, skew + width),
+        one_step_variance=variance,
+        one_step_variance_interval=(variance - width, variance + width),
+    )
+
+
+CROWDED = [
+    frontier_point("independent", "independent", 0.001, 4.0),
+    frontier_point("naive OT", "minibatch_ot", 0.48, 0.1),
+    *(
+        frontier_point(f"COT x {10**k}", "conditional_ot", 0.2 / 10**k, 0.4 + k / 10)
+        for k in range(5)
+    ),
+    frontier_point("adaptive", "adaptive", 0.001, 0.9),
+    frontier_point("stratified", "stratified", 0.002, 0.7),
+]
+
+
+def test_frontier_draws_each_coupling_once_with_its_intervals():
+    ax = plots.frontier(CROWDED, errors={"naive OT": 1.234}, labels={"adaptive": "C2OT"})
+    assert len(ax.get_lines()[0].get_xdata()) == 0  # no curve was asked for
+    markers = [line for line in ax.get_lines() if line.get_marker() in plots.MARKERS.values()]
+    drawn = {(float(m.get_xdata()[0]), float(m.get_ydata()[0])) for m in markers}
+    assert drawn == {(point.skew, point.one_step_variance) for point in CROWDED}
+    colours = {to_hex(m.get_color()).upper() for m in markers}
+    assert colours == {plots.COLORS[point.coupling].upper() for point in CROWDED}
+    words = {text.get_text() for text in ax.texts}
+    assert words >= {"naive OT\nerror 1.2", "C2OT", "independent"}
+    bars = [artist for artist in ax.collections if isinstance(artist, LineCollection)]
+    assert len(bars) == 2 * len(CROWDED)
+    assert np.allclose(bars[0].get_segments()[0][:, 0], CROWDED[0].skew_interval)
+    assert ax.get_ylim()[0] == 0
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_frontier_labels_do_not_overlap(log):
+    ax = plots.frontier(CROWDED, errors={p.name: 0.5 for p in CROWDED}, log=log)
+    ax.figure.canvas.draw()
+    boxes = [Text.get_window_extent(text) for text in ax.texts]
+    assert len(boxes) == len(CROWDED)
+    for k, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:k])
+        assert ax.get_window_extent().x0 <= box.x0 <= box.x1 <= ax.get_window_extent().x1 + 1
+
+
+def test_frontier_joins_the_names_of_a_curve_in_their_order():
+    ax = plots.frontier(CROWDED, curve=["COT x 10", "COT x 1", "naive OT"])
+    assert np.allclose(ax.get_lines()[0].get_xdata(), [0.02, 0.2, 0.48])
+
+
+def test_frontier_takes_what_the_diagnostics_return_and_uses_the_given_axes():
+    g = torch.Generator().manual_seed(0)
+    x, c = torch.randn(400, 2, generator=g), torch.eye(2)[torch.arange(400) % 2]
+    found = diagnostics.frontier(
+        x, c, {"a": Independent(), "b": MinibatchOT()}, rows=512, progress=False
+    )
+    _, ax = plt.subplots()
+    assert plots.frontier(found, ax=ax, title="here") is ax
+    assert ax.get_title(loc="left") == "here"
+    assert {text.get_text() for text in ax.texts} == {"a", "b"}
+
+
+BAD_CALLS = {
+    "points is empty": lambda: plots.frontier([]),
+    "errors has ['b']": lambda: plots.frontier([frontier_point("a", "adaptive")], errors={"b": 1}),
+    "labels has ['b']": lambda: plots.frontier([frontier_point("a", "x")], labels={"b": "c"}),
+    "curve has ['b']": lambda: plots.frontier([frontier_point("a", "adaptive")], curve=["b"]),
+    "skew of 'a' must be finite": lambda: plots.frontier([frontier_point("a", "x", float("nan"))]),
+    "one_step_variance must be positive": lambda: plots.frontier(
+        [frontier_point("a", "x", 0.1, 0.0)], log=True
+    ),
+}
+
+
+@pytest.mark.parametrize("words", BAD_CALLS)
+def test_what_does_not_fit_is_refused_by_name(words):
+    with pytest.raises(ValueError) as caught:
+        BAD_CALLS[words]()
+    assert words in str(caught.value)
