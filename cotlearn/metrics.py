@@ -101,6 +101,30 @@ def conditional_squared_w2(
     return float(np.mean(values))
 
 
+def l2_uvp(mapped: Tensor, truth: Tensor, *, variance: float | None = None) -> float:
+    """The unexplained variance of a map in percent, 100 E|T - T*|^2 / Var (Korotin 2106.01954).
+
+    0 is the true map, 100 is no better than its mean.
+
+    Args:
+        mapped: (n, d), T of some points.
+        truth: (n, d), T* of the same points.
+        variance: the trace of the data's covariance, with a condition averaged over conditions;
+            that of `truth` if None.
+    """
+    check_matrix(mapped, "mapped")
+    check_matrix(truth, "truth", columns=mapped.shape[1])
+    check_same_rows(mapped, "mapped", truth, "truth")
+    if variance is None:
+        if len(truth) < 2:
+            raise ValueError("variance is missing, and one row of truth does not tell it")
+        variance = float(truth.double().var(dim=0).sum())
+    if not (np.isfinite(variance) and variance > 0):
+        raise ValueError(f"variance must be above 0 and finite, got {variance}")
+    error = (mapped.double() - truth.double()).square().sum(dim=1).mean()
+    return 100 * float(error) / variance
+
+
 def energy_distance(a: Tensor, b: Tensor) -> float:
     """2 E|X - Y| - E|X - X'| - E|Y - Y'| between two samples (Szekely & Rizzo), unbiased.
 

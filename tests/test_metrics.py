@@ -16,6 +16,7 @@ from cotlearn.metrics import (
     conditional_squared_w2,
     energy_distance,
     joint_squared_w2,
+    l2_uvp,
     squared_w2,
     straightness,
     wilson_interval,
@@ -295,3 +296,19 @@ def test_joint_squared_w2_names_the_argument():
         joint_squared_w2(a, a[:3], c)
     with pytest.raises(ValueError, match="c has 3 rows"):
         joint_squared_w2(a, a, c[:3])
+
+
+def test_l2_uvp():
+    truth = torch.randn(5000, 3, generator=torch.Generator().manual_seed(0)) * 2
+    assert l2_uvp(truth, truth) == 0
+    assert l2_uvp(truth.mean(dim=0).expand_as(truth), truth) == pytest.approx(100, rel=1e-3)
+    assert l2_uvp(truth + 1, truth) == pytest.approx(25, rel=0.05)
+    assert l2_uvp(truth + 1, truth, variance=30.0) == pytest.approx(10)
+    with pytest.raises(ValueError, match="variance must be above 0 and finite, got 0"):
+        l2_uvp(truth, truth, variance=0.0)
+    with pytest.raises(ValueError, match="variance is missing"):
+        l2_uvp(truth[:1], truth[:1])
+    with pytest.raises(ValueError, match="truth has 2 columns, expected 3"):
+        l2_uvp(truth, truth[:, :2])
+    with pytest.raises(ValueError, match="mapped has 4 rows, truth has 5000"):
+        l2_uvp(truth[:4], truth)

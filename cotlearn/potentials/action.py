@@ -1,0 +1,183 @@
+"""Action Matching (Neklyudov et al. 2210.06662): learn s(t, x; c) whose gradient is the velocity.
+
+The loss is L_AM(s) = E s_0(x0) - E s_1(x1) + int E[ |grad s_t|^2/2 + ds_t/dt ](x_t) dt, with x_t
+from any sequence of laws between noise and data. `ActionMLP` is free: its gradient learns the
+curl-free field that carries those laws. `OptimalAction` belongs to a convex potential: its
+integrand is 0 at every point, so the middle does not matter and what is left is the dual of
+optimal transport (2510.27385).
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import torch
+from torch import Tensor, nn
+
+from cotlearn.couplings.base import Pairs
+from cotlearn.flows.matching import interpolate
+from cotlearn.flows.networks import VelocityMLP
+from cotlearn.potentials.convex import ConvexPotential
+from cotlearn.potentials.inversion import check_times
+from cotlearn.potentials.optimal_flow import straight_line
+from cotlearn.validation import check_choice
+
+TIMES = ("stratified", "uniform")
+
+
+class Action(Protocol):
+    """An action s(t, x, c) of shape (B,) with its two derivatives."""
+
+    def __call__(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+        """s_t(x; c)."""
+        ...
+
+    def derivatives(
+        self, t: Tensor | float, x: Tensor, c: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """ds/dt of shape (B,) and the gradient in x of shape (B, d)."""
+        ...
+
+
+class Path(Protocol):
+    """Where the middle is: x_t of shape (B, d) from x0, x1 of shape (B, d) and t of shape (B,)."""
+
+    def __call__(self, x0: Tensor, x1: Tensor, t: Tensor) -> Tensor:
+        """The points of the path."""
+        ...
+
+
+class ActionMLP(nn.Module):
+    """A free action s(t, x, c) = <f(t, x, c), x> with a multilayer perceptron f.
+
+    So s_t(0; c) = 0. That restricts nothing: only the gradient in x counts, and to add a function
+    of t and c to s changes neither that nor the loss.
+
+    Args:
+        dim: d, columns of x.
+        condition_dim: k, columns of c; 0 for no condition.
+        width: neurons of each hidden layer.
+        depth: hidden layers.
+        seed: of the initial weights; torch's global randomness if None.
+    """
+
+    def __init__(
+        self,
+        dim: int,
+        condition_dim: int = 0,
+        *,
+        width: int = 128,
+        depth: int = 3,
+        seed: int | None = None,
+    ) -> None:
+        super().__init__()
+        self.network = VelocityMLP(dim, condition_dim, width=width, depth=depth, seed=seed)
+        self.dim = dim
+
+    def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+        """s_t(x; c), shape (B,), for t a number or of shape (B,), in [0, 1]."""
+        time = check_times(t, x)
+        return self._action(time, x, c)
+
+    def derivatives(
+        self, t: Tensor | float, x: Tensor, c: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """ds/dt of shape (B,) and grad s of shape (B, d); their graph leads to the weights."""
+        keep = torch.is_grad_enabled()
+        with torch.enable_grad():
+            time = check_times(t, x).clone().requires_grad_(True)
+            x = x.detach().requires_grad_(True)
+            s = self._action(time, x, c).sum()
+            by_t, by_x = torch.autograd.grad(s, (time, x), create_graph=keep)
+        return by_t, by_x
+
+    def velocity(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+        """grad s_t(x; c), the field that `integrate` follows."""
+        return self.derivatives(t, x, c)[1]
+
+    def _action(self, t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
+        s: Tensor = (self.network(t, x, c) * x).sum(dim=1)
+        return s
+
+
+class OptimalAction(nn.Module):
+    """The action of a potential's straight flow, s_t(x) = |x|^2/(2t) - Phi_t^*(x)/t (identity I1).
+
+    With z0 the start of the line that is at x at time t and u = grad Psi(z0) - z0 its velocity,
+    s_t(x) = t |u|^2/2 + Psi(z0) - |z0|^2/2, which is not 0/0 at t = 0. It solves the
+    Hamilton-Jacobi equation ds/dt + |grad s|^2/2 = 0, and grad s = u.
+
+    Args:
+        potential: Psi; its parameters are those of the action.
+    """
+
+    def __init__(self, potential: ConvexPotential) -> None:
+        super().__init__()
+        if not isinstance(potential, ConvexPotential):
+            raise TypeError(f"potential must be a ConvexPotential, got {type(potential).__name__}")
+        self.potential = potential
+        self.dim = potential.dim
+
+    def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+        """s_t(x; c), shape (B,); its gradient in the parameters is exact (envelope theorem)."""
+        time = check_times(t, x)
+        z0, u = straight_line(self.potential, time, x, c)
+        start = self.potential(z0, c) - z0.square().sum(dim=1) / 2
+        value: Tensor = time / 2 * u.square().sum(dim=1) + start
+        return value
+
+    def derivatives(
+        self, t: Tensor | float, x: Tensor, c: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """ds/dt = -|u|^2/2 of shape (B,) and grad s = u of shape (B, d), as numbers."""
+        u = self.velocity(t, x, c)
+        return -u.square().sum(dim=1) / 2, u
+
+    def velocity(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+        """u_t(x; c) = grad s_t(x; c), shape (B, d)."""
+        return straight_line(self.potential, t, x, c)[1]
+
+
+def action_matching_loss(
+    action: Action,
+    pairs: Pairs,
+    generator: torch.Generator | None = None,
+    *,
+    path: Path = interpolate,
+    times: str = "stratified",
+) -> Tensor:
+    """s_0(x0) - s_1(x1) + |grad s_t(x_t)|^2/2 + ds_t/dt(x_t), one time per row.
+
+    For the law p_t of x_t and a field v that carries it, it is E|grad s - v|^2/2 up to a constant;
+    with straight paths L_FM(grad s) = 2 L_AM(s) + E|x1 - x0|^2 (identity I3). It may be negative.
+
+    Args:
+        action: free, or of a potential.
+        pairs: a batch of any coupling.
+        generator: draws t on the CPU.
+        path: path(x0, x1, t) -> x_t, which must be x0 at t = 0 and x1 at t = 1; straight lines by
+            default. For another one use `functools.partial`.
+        times: "stratified" draws one time in each of B equal parts of [0, 1], which takes the noise
+            of what depends on t alone out of the mean; "uniform" draws them independently.
+
+    Returns:
+        (B,), the loss of each row.
+
+    Raises:
+        ValueError: unknown times, or a path that does not have the shape of x0.
+    """
+    x0, x1, c = pairs.x0, pairs.x1, pairs.c
+    t = _times(check_choice(times, "times", TIMES), x0, generator)
+    x_t = path(x0, x1, t)
+    if x_t.shape != x0.shape:
+        raise ValueError(f"path must return shape {tuple(x0.shape)}, got {tuple(x_t.shape)}")
+    by_t, by_x = action.derivatives(t, x_t, c)
+    return action(0.0, x0, c) - action(1.0, x1, c) + by_x.square().sum(dim=1) / 2 + by_t
+
+
+def _times(times: str, x: Tensor, generator: torch.Generator | None) -> Tensor:
+    t = torch.rand(len(x), generator=generator, dtype=x.dtype)
+    if times == "stratified":
+        place = torch.randperm(len(x), generator=generator)
+        t = ((place + t) / len(x)).clamp(max=1)
+    return t.to(x.device)

@@ -1,0 +1,512 @@
+"""Potentials Psi(x; c) that are convex in x: their gradient in x is an optimal transport map.
+
+The networks here are input-convex (Amos et al. 1609.07152): every weight on the way from one
+hidden layer to the next is positive and the activation (softplus) is convex and increasing, so
+the output is convex in x whatever the values of the parameters. Directly from x any weight may go.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import softplus
+
+from cotlearn.flows.networks import _seeded as seeded
+from cotlearn.gaussian import bures_map
+from cotlearn.validation import (
+    check_condition,
+    check_count,
+    check_matrix,
+    check_number,
+    check_same_rows,
+)
+
+SMALLEST_ALPHA = 1e-2  #: below it the loss explodes near t = 1, where flat places are inverted
+AT_THE_START = 0.1  #: size of the network's part beside the Gaussian part before training
+
+
+class Given(Protocol):
+    """A potential with the conditions of its rows put in: a function of x alone."""
+
+    def value(self, x: Tensor) -> Tensor:
+        """Psi, shape (B,)."""
+        ...
+
+    def gradient(self, x: Tensor) -> Tensor:
+        """Its gradient in x, shape (B, d)."""
+        ...
+
+    def hessian(self, x: Tensor) -> Tensor:
+        """Its Hessian in x, shape (B, d, d)."""
+        ...
+
+    def rows(self, index: Tensor) -> Given:
+        """The same for some of the rows."""
+        ...
+
+
+class ConvexPotential(nn.Module):
+    """Psi(x; c), convex in x. Whoever writes `value` gets gradient and Hessian by autodiff.
+
+    Args:
+        dim: d, columns of x.
+        condition_dim: k, columns of c; 0 for no condition (c is then None).
+    """
+
+    def __init__(self, dim: int, condition_dim: int = 0) -> None:
+        super().__init__()
+        self.dim = check_count(dim, "dim")
+        self.condition_dim = check_count(condition_dim, "condition_dim", minimum=0)
+
+    def value(self, x: Tensor, c: Tensor | None) -> Tensor:
+        """The formula: Psi(x; c) of shape (B,), convex in x; nothing needs to be checked here."""
+        raise NotImplementedError
+
+    def forward(self, x: Tensor, c: Tensor | None = None) -> Tensor:
+        """Psi(x; c) for x of shape (B, d) and c of shape (B, k), or None; shape (B,)."""
+        return self.given(self.check(x, c)).value(x)
+
+    def gradient(self, x: Tensor, c: Tensor | None = None) -> Tensor:
+        """The gradient in x, shape (B, d): the map. Its own graph leads to the parameters."""
+        return self.given(self.check(x, c)).gradient(x)
+
+    def hessian(self, x: Tensor, c: Tensor | None = None) -> Tensor:
+        """The Hessian in x, shape (B, d, d), symmetric and positive semi-definite."""
+        return self.given(self.check(x, c)).hessian(x)
+
+    def given(self, c: Tensor | None) -> Given:
+        """The potential with its conditions put in."""
+        return _ByAutodiff(self, c)
+
+    def check(self, x: Tensor, c: Tensor | None) -> Tensor | None:
+        """The condition as floating-point numbers like x, once both are as they should be.
+
+        Raises:
+            TypeError: x is not a floating-point tensor.
+            ValueError: shapes do not match, values are not finite, c is missing or too much, or c
+                is a leaf that asks for gradients.
+        """
+        x = check_matrix(x, "x")
+        if x.shape[1] != self.dim:
+            hint = ""
+            if self.condition_dim and x.shape[1] == self.dim + self.condition_dim:
+                hint = "; it is convex in x only, so give c as an argument of its own"
+            raise ValueError(f"x must have shape (rows, {self.dim}), got {tuple(x.shape)}{hint}")
+        if c is None:
+            if self.condition_dim:
+                raise ValueError(f"this potential needs c of shape (rows, {self.condition_dim})")
+            return None
+        if not self.condition_dim:
+            raise ValueError("this potential has condition_dim=0, but got c; pass c=None")
+        c = check_condition(c)
+        check_same_rows(c, "c", x, "x")
+        if c.shape[1] != self.condition_dim:
+            raise ValueError(
+                f"c must have shape ({len(x)}, {self.condition_dim}), got {tuple(c.shape)}"
+            )
+        if c.requires_grad and c.is_leaf:
+            raise ValueError(
+                "c asks for gradients, but the potential is convex in x only: its gradient in c is "
+                "no transport map; pass c.detach() (the output of an encoder in training may ask)"
+            )
+        return c.to(x.dtype)
+
+
+@dataclass(frozen=True)
+class _ByAutodiff:
+    """Gradient and Hessian of any potential by automatic differentiation."""
+
+    potential: ConvexPotential
+    c: Tensor | None
+
+    def value(self, x: Tensor) -> Tensor:
+        return self.potential.value(x, self.c)
+
+    def gradient(self, x: Tensor) -> Tensor:
+        keep = torch.is_grad_enabled()
+        with torch.enable_grad():
+            x = x if keep and x.requires_grad else x.detach().requires_grad_(True)
+            (slope,) = torch.autograd.grad(self.value(x).sum(), x, create_graph=keep)
+        return slope
+
+    def hessian(self, x: Tensor) -> Tensor:
+        def one(row: Tensor, c: Tensor | None) -> Tensor:
+            value: Tensor = self.potential.value(row[None], None if c is None else c[None])[0]
+            return value
+
+        second = torch.func.hessian(one)
+        if self.c is None:
+            return torch.vmap(lambda row: second(row, None))(x)
+        return torch.vmap(second)(x, self.c)
+
+    def rows(self, index: Tensor) -> _ByAutodiff:
+        return replace(self, c=None if self.c is None else self.c[index])
+
+
+@dataclass(frozen=True)
+class _Layers:
+    """An input-convex network with all its weights made: shared, or one set for each row.
+
+    Psi(x) = <x, Q x>/2 + <b, x> + <w, z_K>, with y = F x (F the frame, or y = x),
+    a_k = W_k z_k + L_k y + s_k and z_{k+1} = softplus(a_k); z_0 = 0, and W_k, w are positive.
+    """
+
+    Q: Tensor  #: (d, d) or (B, d, d)
+    b: Tensor  #: (d,) or (B, d)
+    L: Tensor  #: (K, width, d)
+    W: Tensor  #: (K - 1, width, width)
+    s: Tensor  #: (K, width) or (K, B, width)
+    w: Tensor  #: (width,) or (B, width)
+    F: Tensor | None = None  #: (B, d, d)
+
+    def _forward(self, x: Tensor) -> list[Tensor]:
+        """The pre-activations a_k, each (B, width)."""
+        y = x if self.F is None else (self.F @ x[:, :, None])[:, :, 0]
+        a = [y @ self.L[0].T + self.s[0]]
+        for k in range(1, len(self.L)):
+            a.append(_softplus(a[-1]) @ self.W[k - 1].T + y @ self.L[k].T + self.s[k])
+        return a
+
+    def _backward(self, a: list[Tensor]) -> list[Tensor]:
+        """The derivatives of Psi by z_{k+1}, each (B, width) and positive."""
+        by_z = [self.w.expand_as(a[-1])]
+        for k in range(len(a) - 1, 0, -1):
+            by_z.append((by_z[-1] * torch.sigmoid(a[k])) @ self.W[k - 1])
+        return by_z[::-1]
+
+    def value(self, x: Tensor) -> Tensor:
+        return (
+            (x * self._times_q(x)).sum(dim=1) / 2
+            + (x * self.b).sum(dim=1)
+            + (_softplus(self._forward(x)[-1]) * self.w).sum(dim=1)
+        )
+
+    def gradient(self, x: Tensor) -> Tensor:
+        a = self._forward(x)
+        by_y = torch.zeros_like(x)
+        for k, by_z in enumerate(self._backward(a)):
+            by_y = by_y + (by_z * torch.sigmoid(a[k])) @ self.L[k]
+        by_x = by_y if self.F is None else (by_y[:, None, :] @ self.F)[:, 0]
+        return self._times_q(x) + self.b + by_x
+
+    def hessian(self, x: Tensor) -> Tensor:
+        """Q + sum_k J_k^T diag(dPsi/dz_{k+1} softplus''(a_k)) J_k with J_k = da_k/dx: convex."""
+        a = self._forward(x)
+        H = self.Q.expand(len(x), *self.Q.shape[-2:])
+        J = None
+        for k, by_z in enumerate(self._backward(a)):
+            direct = self.L[k] if self.F is None else self.L[k] @ self.F
+            J = direct if J is None else self.W[k - 1] @ J + direct
+            first = torch.sigmoid(a[k])
+            second = by_z * first * (1 - first)
+            H = H + J.mT @ (second[:, :, None] * J)
+            J = first[:, :, None] * J
+        return H
+
+    def _times_q(self, x: Tensor) -> Tensor:
+        return x @ self.Q if self.Q.ndim == 2 else (self.Q @ x[:, :, None])[:, :, 0]
+
+    def rows(self, index: Tensor) -> _Layers:
+        if self.Q.ndim == 2:  # shared by all rows
+            return self
+        assert self.F is not None
+        return replace(
+            self,
+            Q=self.Q[index],
+            b=self.b[index],
+            s=self.s[:, index],
+            w=self.w[index],
+            F=self.F[index],
+        )
+
+
+class _Body(nn.Module):
+    """The parameters that input-convex networks with and without a condition share."""
+
+    def __init__(self, dim: int, width: int, depth: int) -> None:
+        super().__init__()
+        self.L = nn.Parameter(torch.randn(depth, width, dim) * (2 / math.sqrt(dim)))
+        self.s = nn.Parameter(torch.randn(depth, width))
+        start = math.log(1 / width)  # softplus(r) is nearly exp(r) here: rows sum to about 1
+        self.raw_W = nn.Parameter(torch.randn(depth - 1, width, width) + start - 0.5)
+        self.raw_w = nn.Parameter(torch.full((width,), start + math.log(AT_THE_START)))
+
+    def quadratic(self, root: Tensor, alpha: float) -> Tensor:
+        """Q = root root^T + alpha I, positive definite."""
+        eye = torch.eye(root.shape[-1], dtype=root.dtype, device=root.device)
+        return root @ root.mT + alpha * eye
+
+
+class ICNN(ConvexPotential):
+    """An input-convex network Psi(x) with a quadratic part of its own.
+
+    Psi(x) = alpha/2 |x|^2 + |R^T x|^2/2 + <b, x> + network(x). Untrained, its gradient is nearly x;
+    `start_at_gaussian` makes it the optimal map between Gaussians.
+
+    Args:
+        dim: d, columns of x.
+        width: neurons of each hidden layer.
+        depth: hidden layers.
+        alpha: the Hessian's eigenvalues are at least alpha; at least 0.01.
+        seed: of the initial weights; torch's global randomness if None.
+    """
+
+    def __init__(
+        self,
+        dim: int,
+        *,
+        width: int = 64,
+        depth: int = 3,
+        alpha: float = SMALLEST_ALPHA,
+        seed: int | None = None,
+    ) -> None:
+        super().__init__(dim)
+        self.alpha = check_number(alpha, "alpha", minimum=SMALLEST_ALPHA)
+        with seeded(seed):
+            self.body = _Body(dim, check_count(width, "width"), check_count(depth, "depth"))
+        self.root = nn.Parameter(torch.eye(dim))
+        self.b = nn.Parameter(torch.zeros(dim))
+
+    def value(self, x: Tensor, c: Tensor | None) -> Tensor:
+        """Psi(x), shape (B,)."""
+        return self.given(c).value(x)
+
+    def given(self, c: Tensor | None) -> _Layers:
+        """The network with its positive weights made."""
+        return _Layers(
+            Q=self.body.quadratic(self.root, self.alpha),
+            b=self.b,
+            L=self.body.L,
+            W=softplus(self.body.raw_W),
+            s=self.body.s,
+            w=softplus(self.body.raw_w),
+        )
+
+    @torch.no_grad()
+    def start_at_gaussian(
+        self, x1: Tensor, c: Tensor | None = None, *, x0: Tensor | None = None
+    ) -> ICNN:
+        """Make the gradient the optimal map to a Gaussian with the mean and covariance of x1.
+
+        The network's part stays, small, and its mean gradient is taken off b.
+
+        Args:
+            x1: (n, d) data, n above d.
+            c: None.
+            x0: (m, d) noise; standard normal if None.
+
+        Returns:
+            The potential itself, changed.
+        """
+        self.check(x1, c)
+        mean, covariance = _moments(x1, "x1")
+        mean0, covariance0 = torch.zeros_like(mean), torch.eye(self.dim, dtype=torch.float64)
+        if x0 is not None:
+            mean0, covariance0 = _moments(check_matrix(x0, "x0", columns=self.dim), "x0")
+        slope = torch.from_numpy(bures_map(covariance0.numpy(), covariance.numpy()))
+        values, vectors = torch.linalg.eigh(slope)
+        self.root.copy_(vectors * (values - self.alpha).clamp_min(0).sqrt())
+        self.b.zero_()
+        middle = mean0.to(self.b)[None]
+        self.b.copy_(mean.to(self.b) - self.gradient(middle)[0])
+        return self
+
+
+class PICNN(ConvexPotential):
+    """A partially input-convex network Psi(x; c): convex in x, any function of c.
+
+    The network of `ICNN`, whose quadratic and linear parts, thresholds, last weights and frame (a
+    matrix that turns and stretches x before it meets the hidden layers) are functions of c.
+
+    Args:
+        dim: d, columns of x.
+        condition_dim: k, columns of c, at least 1.
+        width: neurons of each hidden layer.
+        depth: hidden layers.
+        condition_width: neurons of each of the two hidden layers that see c.
+        alpha: the eigenvalues of the Hessian in x are at least alpha; at least 0.01.
+        seed: of the initial weights; torch's global randomness if None.
+    """
+
+    def __init__(
+        self,
+        dim: int,
+        condition_dim: int,
+        *,
+        width: int = 64,
+        depth: int = 3,
+        condition_width: int = 64,
+        alpha: float = SMALLEST_ALPHA,
+        seed: int | None = None,
+    ) -> None:
+        super().__init__(dim, check_count(condition_dim, "condition_dim"))
+        self.alpha = check_number(alpha, "alpha", minimum=SMALLEST_ALPHA)
+        self.width, self.depth = check_count(width, "width"), check_count(depth, "depth")
+        n = check_count(condition_width, "condition_width")
+        with seeded(seed):
+            self.body = _Body(dim, width, depth)
+            self.gaussian = _condition_network(condition_dim, n, dim + dim * dim)
+            self.shape = _condition_network(condition_dim, n, (depth + 1) * width + dim * dim)
+        self.root = nn.Parameter(torch.eye(dim))
+
+    def value(self, x: Tensor, c: Tensor | None) -> Tensor:
+        """Psi(x; c), shape (B,)."""
+        return self.given(c).value(x)
+
+    def given(self, c: Tensor | None) -> _Layers:
+        """The network with the conditions of its rows put in."""
+        assert c is not None
+        B, d = len(c), self.dim
+        Q, b = self._quadratic(c)
+        shifts, gates, frame = self.shape(c).split([self.depth * self.width, self.width, d * d], 1)
+        eye = torch.eye(d, dtype=c.dtype, device=c.device)
+        return _Layers(
+            Q=Q,
+            b=b,
+            L=self.body.L,
+            W=softplus(self.body.raw_W),
+            s=self.body.s[:, None] + shifts.reshape(B, self.depth, self.width).transpose(0, 1),
+            w=softplus(self.body.raw_w + gates),
+            F=eye + frame.reshape(B, d, d),
+        )
+
+    def _quadratic(self, c: Tensor) -> tuple[Tensor, Tensor]:
+        """Q(c) of shape (B, d, d), b(c) of shape (B, d)."""
+        b, root = self.gaussian(c).split([self.dim, self.dim**2], dim=1)
+        root = self.root + root.reshape(len(c), self.dim, self.dim)
+        return self.body.quadratic(root, self.alpha), b
+
+    def start_at_gaussian(
+        self,
+        x1: Tensor,
+        c: Tensor | None = None,
+        *,
+        x0: Tensor | None = None,
+        steps: int = 500,
+        batch_size: int = 256,
+        learning_rate: float = 1e-2,
+        seed: int = 0,
+    ) -> PICNN:
+        """Make the gradient nearly the optimal map to N(m(c), S(c)), learned from pairs (x1, c).
+
+        For quadratic potentials the dual of optimal transport needs no inversion: the minimum of
+        E [ <x0, Q x0>/2 + <b, x0> + <x1 - b, Q^{-1} (x1 - b)>/2 ] is b = m(c) and Q = S(c)^{1/2}
+        for standard normal x0 that is independent of c. A few hundred steps of Adam find it.
+
+        Args:
+            x1: (n, d) data.
+            c: (n, k) its conditions.
+            x0: (n, d) noise that goes with them; standard normal if None.
+            steps: gradient steps.
+            batch_size: rows of each.
+            learning_rate: of the first step; it falls to 0.
+            seed: of the noise and the batches.
+
+        Returns:
+            The potential itself, changed.
+        """
+        c = self.check(x1, c)
+        assert c is not None
+        if x0 is not None:
+            check_same_rows(check_matrix(x0, "x0", columns=self.dim), "x0", x1, "x1")
+        generator = torch.Generator().manual_seed(check_count(seed, "seed", minimum=0))
+        parameters = [*self.gaussian.parameters(), self.root]
+        optimizer = torch.optim.Adam(parameters, lr=learning_rate, fused=True)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
+            optimizer, check_count(steps, "steps")
+        )
+        for _ in range(steps):
+            rows = torch.randint(len(x1), (batch_size,), generator=generator)
+            noise = torch.randn(batch_size, self.dim, dtype=x1.dtype, generator=generator)
+            noise = noise if x0 is None else x0[rows]
+            Q, b = self._quadratic(c[rows])
+            off = (x1[rows] - b)[:, :, None]
+            conjugate = (off.mT @ torch.linalg.solve(Q, off)).sum() / 2
+            forward = ((noise[:, None] @ Q).sum(dim=1) * noise).sum() / 2 + (b * noise).sum()
+            optimizer.zero_grad(set_to_none=True)
+            ((conjugate + forward) / batch_size).backward()
+            optimizer.step()
+            schedule.step()
+        return self
+
+
+class LogSumExp(ConvexPotential):
+    """Psi(x) = alpha/2 |x|^2 + temperature log sum_i exp((<a_i, x> + b_i)/temperature), random.
+
+    Its gradient is a transport map that is known exactly: a ground truth in any dimension.
+
+    Args:
+        dim: d, columns of x.
+        pieces: number of affine pieces, with a_i ~ N(0, spread^2 I) and b_i ~ N(0, spread^2).
+        spread: of the pieces; the map jumps this far between them, more sharply the colder.
+        temperature: above 0.
+        alpha: at least 0.01.
+        seed: of the pieces.
+    """
+
+    a: Tensor
+    b: Tensor
+
+    def __init__(
+        self,
+        dim: int,
+        *,
+        pieces: int = 8,
+        spread: float = 2.0,
+        temperature: float = 1.0,
+        alpha: float = 0.5,
+        seed: int = 0,
+    ) -> None:
+        super().__init__(dim)
+        self.alpha = check_number(alpha, "alpha", minimum=SMALLEST_ALPHA)
+        self.temperature = check_number(temperature, "temperature")
+        if self.temperature == 0:
+            raise ValueError("temperature must be above 0, got 0")
+        generator = torch.Generator().manual_seed(check_count(seed, "seed", minimum=0))
+        shape = (check_count(pieces, "pieces"), dim)
+        a = check_number(spread, "spread") * torch.randn(shape, generator=generator)
+        self.register_buffer("a", a)
+        self.register_buffer("b", spread * torch.randn(pieces, generator=generator))
+
+    def value(self, x: Tensor, c: Tensor | None) -> Tensor:
+        """Psi(x), shape (B,)."""
+        T = self.temperature
+        pieces = torch.logsumexp((x @ self.a.T + self.b) / T, dim=1)
+        return self.alpha / 2 * x.square().sum(dim=1) + T * pieces
+
+
+def _softplus(a: Tensor) -> Tensor:
+    """log(1 + exp(a)); torch's own becomes a line above 20, where sigmoid is still 1 - 2e-9."""
+    return softplus(a, threshold=40)
+
+
+def _condition_network(inputs: int, width: int, outputs: int) -> nn.Sequential:
+    """A small network of the condition, whose output starts near 0."""
+    last = nn.Linear(width, outputs)
+    with torch.no_grad():
+        last.weight.mul_(0.1)
+        last.bias.zero_()
+    hidden: list[nn.Module] = [
+        nn.Linear(inputs, width),
+        nn.SiLU(),
+        nn.Linear(width, width),
+        nn.SiLU(),
+    ]
+    return nn.Sequential(*hidden, last)
+
+
+def _moments(x: Tensor, name: str) -> tuple[Tensor, Tensor]:
+    """Mean and covariance in float64."""
+    if len(x) <= x.shape[1]:
+        raise ValueError(
+            f"{name} has {len(x)} rows: a covariance in {x.shape[1]} dimensions needs more"
+        )
+    x = x.detach().to("cpu", torch.float64)
+    covariance = torch.from_numpy(np.atleast_2d(np.cov(x.numpy(), rowvar=False)))
+    floor = 1e-8 * covariance.diagonal().mean().clamp_min(1e-8)
+    return x.mean(dim=0), covariance + floor * torch.eye(x.shape[1], dtype=x.dtype)

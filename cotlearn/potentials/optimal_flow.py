@@ -1,0 +1,180 @@
+"""Optimal flow matching: flows that are straight by construction (Kornilov et al. 2403.13117).
+
+A convex potential Psi is the network. Its map x0 -> grad Psi(x0) takes noise to data along straight
+lines, z_t = (1 - t) z0 + t grad Psi(z0), whose field is u_t(z_t) = grad Psi(z0) - z0. Two losses
+have the same expected gradient: `optimal_flow_matching_loss` compares velocities at random times,
+`dual_loss` is their integral over time in closed form.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from cotlearn.couplings.base import Pairs, Source
+from cotlearn.flows.matching import interpolate
+from cotlearn.flows.solvers import ConditionalSampler
+from cotlearn.potentials.convex import ConvexPotential
+from cotlearn.potentials.inversion import check_times, invert, is_small, solve_curvature
+
+
+def optimal_flow_matching_loss(
+    potential: ConvexPotential, pairs: Pairs, generator: torch.Generator | None = None
+) -> Tensor:
+    """|u_t(x_t) - (x1 - x0)|^2 at one uniform time per row, with a proxy gradient.
+
+    z0 solves (1 - t) z0 + t grad Psi(z0) = x_t and is not differentiated through. The value is
+    |grad Psi(z0) - z0 - (x1 - x0)|^2 = |z0 - x0|^2/t^2; the gradient is that of
+    < stop[2 (t H + (1 - t) I)^{-1} (x0 - z0)/t], grad Psi(z0) >, H the Hessian of Psi at z0, which
+    the implicit function theorem gives. Its expectation is that of twice `dual_objective` for any
+    pairs whose noise does not depend on the condition. The loss does not fall to 0, but to
+    E|x1 - x0|^2 - W2^2.
+
+    Args:
+        potential: Psi.
+        pairs: a batch of any coupling.
+        generator: draws t on the CPU.
+
+    Returns:
+        (B,), the squared error of each row.
+
+    Raises:
+        ValueError: the pairs do not fit the potential.
+        RuntimeError: the potential is no longer finite.
+
+    Warns:
+        InversionWarning: rows whose z0 did not converge; they are used as they are.
+    """
+    t = torch.rand(len(pairs), generator=generator, dtype=pairs.x0.dtype).to(pairs.x0.device)
+    return optimal_flow_matching_loss_at(potential, pairs, t)
+
+
+def optimal_flow_matching_loss_at(
+    potential: ConvexPotential, pairs: Pairs, t: Tensor | float
+) -> Tensor:
+    """`optimal_flow_matching_loss` at given times: a number or shape (B,), in [0, 1]."""
+    x0, x1 = pairs.x0, pairs.x1
+    c = potential.check(x0, pairs.c)
+    t = check_times(t, x0)
+    z0 = invert(potential, interpolate(x0, x1, t), t, c).z
+    given = potential.given(c)
+    slope = given.gradient(z0)
+    error = (slope - z0 - (x1 - x0)).detach()  # = (x0 - z0)/t
+    weight = 2 * solve_curvature(given, z0, error, t, is_small(x0))
+    proxy = (weight * slope).sum(dim=1)
+    return error.square().sum(dim=1) + proxy - proxy.detach()
+
+
+def dual_loss(
+    potential: ConvexPotential, pairs: Pairs, generator: torch.Generator | None = None
+) -> Tensor:
+    """2 (Psi(x0) + Psi^*(x1) - <x0, x1>), the Fenchel-Young gap of each pair, without a Hessian.
+
+    It is the integral over t of `optimal_flow_matching_loss`, pair by pair: 0 where
+    x1 = grad Psi(x0), else above. Its gradient is that of 2 (Psi(x0) - Psi(stop[z])) with
+    grad Psi(z) = x1 (the envelope theorem), so that the mean over a batch does not depend on who
+    is paired with whom.
+
+    Args:
+        potential: Psi.
+        pairs: a batch of any coupling.
+        generator: not used; every loss is called with it.
+
+    Returns:
+        (B,), at least 0 (up to the tolerance of the inversion).
+    """
+    x0, x1 = pairs.x0, pairs.x1
+    c = potential.check(x0, pairs.c)
+    z = invert(potential, x1, 1.0, pairs.c).z
+    given = potential.given(c)
+    conjugate = (x1 * z).sum(dim=1) - given.value(z)
+    return 2 * (given.value(x0) + conjugate - (x0 * x1).sum(dim=1))
+
+
+def dual_objective(
+    potential: ConvexPotential, x0: Tensor, x1: Tensor, c: Tensor | None = None
+) -> Tensor:
+    """L_OT of each row: Psi(x0; c) + Psi^*(x1; c); its mean needs no pairs, only samples.
+
+    Args:
+        potential: Psi.
+        x0: (B, d) noise.
+        x1: (B, d) data.
+        c: (B, k), or None.
+
+    Returns:
+        (B,), differentiable in the parameters.
+    """
+    c = potential.check(x0, c)
+    z = invert(potential, x1, 1.0, c).z
+    given = potential.given(c)
+    return given.value(x0) + (x1 * z).sum(dim=1) - given.value(z)
+
+
+@torch.no_grad()
+def transport(potential: ConvexPotential, x0: Tensor, c: Tensor | None = None) -> Tensor:
+    """Samples by one evaluation: x1 = grad Psi(x0; c), shape (B, d)."""
+    return potential.gradient(x0, c)
+
+
+def inverse_transport(potential: ConvexPotential, x1: Tensor, c: Tensor | None = None) -> Tensor:
+    """The noise that `transport` takes to x1: the solution of grad Psi(x0; c) = x1.
+
+    Warns:
+        InversionWarning: rows that did not converge.
+    """
+    return invert(potential, x1, 1.0, c).z
+
+
+class OptimalField:
+    """The field u_t(x; c) = grad Psi(z0) - z0 of a potential, for `integrate` and `sampler`.
+
+    One Euler step from t = 0 is `transport`; more steps give the same, at the price of inversions.
+
+    Args:
+        potential: Psi.
+    """
+
+    def __init__(self, potential: ConvexPotential) -> None:
+        self.potential = potential
+        self.dim = potential.dim
+
+    def __call__(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+        """The velocity at x of shape (B, d) and t, a number or of shape (B,), in [0, 1]."""
+        return straight_line(self.potential, t, x, c)[1]
+
+
+@torch.no_grad()
+def straight_line(
+    potential: ConvexPotential, t: Tensor | float, x: Tensor, c: Tensor | None = None
+) -> tuple[Tensor, Tensor]:
+    """Start z0 and velocity u = grad Psi(z0) - z0 of the line that is at x at time t.
+
+    Args:
+        potential: Psi.
+        t: a number or shape (B,), in [0, 1].
+        x: (B, d).
+        c: (B, k), or None.
+    """
+    c = potential.check(x, c)
+    time = check_times(t, x)
+    z0 = x if not time.any() else invert(potential, x, time, c).z
+    return z0, potential.given(c).gradient(z0) - z0
+
+
+def map_sampler(potential: ConvexPotential, *, source: Source | None = None) -> ConditionalSampler:
+    """A function (c, generator) -> samples: fresh noise for each row of c, then `transport`.
+
+    Args:
+        potential: Psi.
+        source: draws the noise; standard normal if None.
+    """
+
+    def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        if source is not None:
+            noise = source(len(c), generator=generator)
+        else:
+            noise = torch.randn(len(c), potential.dim, generator=generator)
+        return transport(potential, noise.to(c.device), c if potential.condition_dim else None)
+
+    return sample

@@ -1,0 +1,149 @@
+"""Problems whose optimal map from standard normal noise is known: what L2-UVP is held to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import torch
+from scipy.optimize import linear_sum_assignment
+from torch import Tensor
+
+from cotlearn.couplings.base import squared_distances
+from cotlearn.validation import check_count, check_matrix, check_same_rows
+
+RADIUS, WIDE, NARROW = 3.0, 1.0, 0.3
+
+
+class KnownMap:
+    """Data x1 = T(x0), x0 ~ N(0, I), where T is the gradient of a convex function.
+
+    Args:
+        true_map: T, from (n, d) to (n, d); for instance `LogSumExp(2).gradient`.
+        dim: d.
+        name: how to call it.
+    """
+
+    condition_dim = 0
+
+    def __init__(
+        self, true_map: Callable[[Tensor], Tensor], dim: int, *, name: str = "known_map"
+    ) -> None:
+        self.true_map, self.dim, self.name = true_map, check_count(dim, "dim"), name
+
+    @classmethod
+    def gaussian(cls, dim: int, *, seed: int = 0) -> KnownMap:
+        """To a random Gaussian: standard deviations from 0.3 to 2 on random axes, mean N(0, I)."""
+        generator = torch.Generator().manual_seed(check_count(seed, "seed", minimum=0))
+        axes = torch.linalg.qr(torch.randn(dim, dim, generator=generator))[0]
+        slope = axes * torch.linspace(0.3, 2.0, dim) @ axes.T
+        mean = torch.randn(dim, generator=generator)
+        return cls(lambda x: x @ slope + mean, dim, name="gaussian")
+
+    def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, None]:
+        """Draw n rows of x1; there is no condition."""
+        x0 = torch.randn(check_count(n, "n"), self.dim, generator=generator)
+        return self.transport(x0), None
+
+    @torch.no_grad()
+    def transport(self, x0: Tensor, c: Tensor | None = None) -> Tensor:
+        """T(x0), shape (n, d); c must be None."""
+        if c is not None:
+            raise ValueError("this problem has no condition, but got c; pass c=None")
+        return self.true_map(check_matrix(x0, "x0", columns=self.dim))
+
+
+class ConditionalGaussian:
+    """x1 | c ~ N(m(c), S(c)) for c uniform in [-1, 1]: T_c(x) = m(c) + S(c)^{1/2} x.
+
+    Each pair of coordinates holds an ellipse (standard deviations 1 outwards, 0.3 along the circle)
+    that c carries along half a circle of radius 3 and turns with it; the pairs start at different
+    angles. In an odd dimension the last coordinate is N(3 c, 0.3^2).
+
+    Args:
+        dim: d.
+    """
+
+    condition_dim = 1
+    name = "conditional_gaussian"
+
+    def __init__(self, dim: int = 2) -> None:
+        self.dim = check_count(dim, "dim")
+
+    def moments(self, c: Tensor) -> tuple[Tensor, Tensor]:
+        """m(c) of shape (n, d) and S(c)^{1/2} of shape (n, d, d)."""
+        c = check_matrix(c, "c", columns=1)
+        pairs = self.dim // 2
+        angle = math.pi / 2 * c + math.pi * torch.arange(pairs) / max(pairs, 1)  # (n, pairs)
+        outward = torch.stack([angle.cos(), angle.sin()], dim=2)
+        mean = (RADIUS * outward).reshape(len(c), 2 * pairs)
+        root = torch.zeros(len(c), self.dim, self.dim, dtype=c.dtype)
+        blocks = NARROW * torch.eye(2) + (WIDE - NARROW) * outward[..., None] * outward[:, :, None]
+        for j in range(pairs):
+            root[:, 2 * j : 2 * j + 2, 2 * j : 2 * j + 2] = blocks[:, j]
+        if self.dim % 2:
+            mean = torch.cat([mean, RADIUS * c], dim=1)
+            root[:, -1, -1] = NARROW
+        return mean.to(c.dtype), root
+
+    def transport(self, x0: Tensor, c: Tensor) -> Tensor:
+        """T_c(x0), shape (n, d)."""
+        check_same_rows(check_matrix(x0, "x0", columns=self.dim), "x0", c, "c")
+        mean, root = self.moments(c)
+        return mean + (root @ x0[:, :, None])[:, :, 0]
+
+    def variance(self) -> float:
+        """The trace of S(c), which is the same for every c."""
+        return self.dim // 2 * (WIDE**2 + NARROW**2) + self.dim % 2 * NARROW**2
+
+    def sample_conditions(self, n: int, generator: torch.Generator | None = None) -> Tensor:
+        """Draw n conditions, shape (n, 1)."""
+        return 2 * torch.rand(check_count(n, "n"), 1, generator=generator) - 1
+
+    def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        """Draw one x1 for each row of c, shape (n, d)."""
+        return self.transport(torch.randn(len(c), self.dim, generator=generator), c)
+
+    def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
+        """Draw n pairs (x1, c) of shapes (n, d) and (n, 1)."""
+        c = self.sample_conditions(n, generator)
+        return self.sample_given(c, generator), c
+
+    def conditions(self, n: int = 9) -> Tensor:
+        """n conditions spread over [-1, 1], shape (n, 1)."""
+        return ((torch.arange(check_count(n, "n")) + 0.5) / n * 2 - 1)[:, None]
+
+
+def eight_gaussians_map(n: int = 1024, *, seed: int = 0) -> tuple[Tensor, Tensor]:
+    """Points x0 and T(x0) of the optimal map from N(0, I) to `mixtures.eight_gaussians`.
+
+    Both laws have the 16 symmetries of the octagon, so T maps a wedge of 22.5 degrees to itself:
+    there it takes a slice of the normal law to half of one Gaussian, and one assignment of n
+    low-discrepancy points to n others finds it; reflections and rotations give the rest.
+    (The other Gaussians are six standard deviations away from the wedge.)
+
+    Args:
+        n: points in the wedge, a power of 2.
+        seed: of the points.
+
+    Returns:
+        x0 and T(x0), both (16 n, 2). The error of T is that of the grid: with n = 1024 its square
+        is of the order of 0.001 % of the variance.
+    """
+    if check_count(n, "n") & (n - 1):
+        raise ValueError(f"n must be a power of 2, got {n}")
+    u = torch.quasirandom.SobolEngine(2, scramble=True, seed=seed).draw(n).double()
+    v = torch.quasirandom.SobolEngine(2, scramble=True, seed=seed + 1).draw(n).double()
+    u, v = (w.clamp(1e-9, 1 - 1e-9) for w in (u, v))
+    radius, angle = (-2 * u[:, 0].log()).sqrt(), math.pi / 8 * u[:, 1]
+    x0 = torch.stack([radius * angle.cos(), radius * angle.sin()], dim=1)
+    normal = math.sqrt(2 * 0.1) * torch.erfinv(2 * v - 1)  # standard deviation sqrt(0.1)
+    x1 = torch.stack([5 + normal[:, 0], normal[:, 1].abs()], dim=1)
+    cost = squared_distances(x0 - x0.mean(dim=0), x1 - x1.mean(dim=0))  # shifts change nothing
+    x1 = x1[torch.from_numpy(linear_sum_assignment(cost)[1])]
+    both = torch.cat([x0, x1])
+    both = torch.cat([both[None], (both * torch.tensor([1.0, -1.0]))[None]])  # reflection
+    turns = math.pi / 4 * torch.arange(8, dtype=torch.float64)
+    turn = torch.stack([turns.cos(), turns.sin(), -turns.sin(), turns.cos()], 1).reshape(8, 2, 2)
+    images = (both[:, None] @ turn).float()  # (2, 8, 2n, 2)
+    return images[:, :, :n].reshape(-1, 2), images[:, :, n:].reshape(-1, 2)

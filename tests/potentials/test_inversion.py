@@ -1,0 +1,194 @@
+"""Inversion: the root, its residual, and what it says when it is not found."""
+
+import math
+import re
+import warnings
+
+import pytest
+import torch
+
+from cotlearn.potentials import (
+    ICNN,
+    PICNN,
+    ConvexPotential,
+    InversionWarning,
+    LogSumExp,
+    inverse_transport,
+    invert,
+    transport,
+)
+from cotlearn.potentials.inversion import EXPLICIT, solve_curvature
+
+
+def sharp(dim=2, seed=0):
+    """A map that nearly jumps."""
+    return LogSumExp(dim, temperature=0.05, alpha=0.05, seed=seed).double()
+
+
+class Broken(ConvexPotential):
+    """A potential of any formula."""
+
+    def __init__(self, formula):
+        super().__init__(2)
+        self.formula = formula
+
+    def value(self, x, c):
+        return self.formula(x)
+
+
+@pytest.mark.parametrize("method", ["newton", "cg"])
+@pytest.mark.parametrize("dim", [1, 2, 8])
+def test_solves_the_equation(dim, method):
+    net = sharp(dim)
+    generator = torch.Generator().manual_seed(1)
+    y = 3 * torch.randn(50, dim, generator=generator).double()
+    t = torch.rand(50, generator=generator).double()
+    t[:2] = torch.tensor([0.0, 1.0])
+    found = invert(net, y, t, method=method)
+    assert found.converged.all()
+    left = (1 - t[:, None]) * found.z + t[:, None] * net.gradient(found.z)
+    assert torch.allclose(left, y, atol=1e-8)
+    assert torch.allclose((left - y).norm(dim=1), found.residual, atol=1e-12)
+    assert torch.equal(found.z[0], y[0]) or torch.allclose(found.z[0], y[0])
+
+
+def test_inverse_of_transport():
+    generator = torch.Generator().manual_seed(0)
+    x0, c = torch.randn(60, 3, generator=generator).double(), torch.rand(60, 2).double()
+    net = PICNN(3, 2, seed=0).double()
+    assert torch.allclose(inverse_transport(net, transport(net, x0, c), c), x0, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["newton", "cg"])
+def test_float32(method):
+    net = ICNN(4, seed=0)
+    y = 5 * torch.randn(100, 4, generator=torch.Generator().manual_seed(0))
+    found = invert(net, y, method=method)
+    assert found.z.dtype == torch.float32
+    assert found.converged.all()
+    exact = invert(ICNN(4, seed=0).double(), y.double()).z
+    assert (found.z - exact).abs().max() < 1e-2
+
+
+def test_many_dimensions_take_conjugate_gradients():
+    dim = EXPLICIT + 1
+    net = ICNN(dim, width=8, seed=0)
+    net.given = _no_hessian(net.given)
+    y = torch.randn(5, dim)
+    assert invert(net, y).converged.all()
+    with pytest.raises(AssertionError, match="no Hessian"):
+        invert(net, y, method="newton")
+
+
+def _no_hessian(given):
+    class Wrapped:
+        def __init__(self, inner):
+            self.value, self.gradient, self.inner = inner.value, inner.gradient, inner
+
+        def hessian(self, x):
+            raise AssertionError("no Hessian")
+
+        def rows(self, index):
+            return Wrapped(self.inner.rows(index))
+
+    return lambda c: Wrapped(given(c))
+
+
+def test_both_ways_solve_the_same_linear_system():
+    net = sharp(6)
+    z, right = torch.randn(2, 20, 6).double()
+    t = torch.linspace(0, 1, 20).double()
+    given = net.given(None)
+    first = solve_curvature(given, z, right, t, explicit=True)
+    second = solve_curvature(given, z, right, t, explicit=False, accuracy=1e-12)
+    assert torch.allclose(first, second, rtol=1e-6, atol=1e-8)
+
+
+def test_a_start_at_the_answer_needs_one_evaluation():
+    net, z = sharp(), torch.randn(20, 2).double()
+    assert invert(net, net.gradient(z).detach(), start=z).evaluations == 1
+
+
+def test_nothing_flows_back():
+    net, y = ICNN(2, seed=0), torch.randn(5, 2, requires_grad=True)
+    assert not invert(net, y.detach() * 1.0).z.requires_grad
+    assert not invert(net, y).z.requires_grad
+
+
+def test_the_same_call_gives_the_same_numbers():
+    net, y = ICNN(2, seed=0), torch.randn(30, 2)
+    assert torch.equal(invert(net, y, 0.5).z, invert(net, y, 0.5).z)
+
+
+def test_rows_do_not_depend_on_each_other():
+    net, y = sharp(), torch.randn(10, 2).double()
+    together = invert(net, y).z
+    alone = torch.cat([invert(net, y[i : i + 1]).z for i in range(10)])
+    assert torch.allclose(together, alone, atol=1e-6)
+
+
+def test_warns_when_it_did_not_converge():
+    net, y = sharp(), 5 * torch.randn(40, 2, generator=torch.Generator().manual_seed(0)).double()
+    with pytest.warns(InversionWarning) as caught:
+        found = invert(net, y, max_evaluations=4)
+    failed = ~found.converged
+    assert 0 < failed.sum() <= 40
+    text = str(caught[0].message)
+    assert re.match(rf"{int(failed.sum())} of 40 rows did not converge in 4 evaluations", text)
+    assert f"largest residual {float(found.residual.max()):.2g}" in text
+    assert "raise max_evaluations or tolerance" in text
+    assert caught[0].filename == __file__
+
+
+def test_silent_when_it_did():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        invert(sharp(), torch.randn(40, 2).double())
+
+
+def test_no_root_is_a_warning_not_a_loop():
+    bounded = Broken(lambda x: torch.nn.functional.softplus(x).sum(dim=1))  # gradient below 1
+    with pytest.warns(InversionWarning, match="1 of 2 rows"):
+        found = invert(bounded, torch.tensor([[0.5, 0.5], [2.0, 2.0]]))
+    assert found.converged.tolist() == [True, False]
+
+
+def test_potentials_that_are_not_finite():
+    y = torch.ones(3, 2)
+    with pytest.raises(RuntimeError, match="gradient is not finite in 3 of 3 rows: its parameters"):
+        invert(Broken(lambda x: x.sum(dim=1).sqrt()), y)
+    net = ICNN(2)
+    with torch.no_grad():
+        net.b.fill_(math.inf)
+    with pytest.raises(RuntimeError, match="gradient is not finite"):
+        invert(net, y)
+    kink = Broken(lambda x: x.abs().pow(1.5).sum(dim=1))
+    with pytest.raises(RuntimeError, match="Hessian is not finite"):
+        invert(kink, y)
+
+
+Y = torch.zeros(4, 2)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"t": -0.1}, r"t must lie in \[0, 1\]"),
+        ({"t": 1.1}, r"t must lie in \[0, 1\]"),
+        ({"t": math.nan}, r"t must lie in \[0, 1\]"),
+        ({"t": torch.zeros(3)}, r"t must be a number or have shape \(4,\), got \(3,\)"),
+        ({"max_evaluations": 0}, "max_evaluations must be at least 1"),
+        ({"tolerance": 0.0}, "tolerance must be above 0"),
+        ({"tolerance": -1.0}, "tolerance must be at least 0"),
+        ({"tolerance": math.nan}, "tolerance must be at least 0"),
+        ({"method": "bfgs"}, "method must be one of auto, newton, cg; got 'bfgs'"),
+        ({"start": torch.zeros(3, 2)}, "start has 3 rows, y has 4"),
+        ({"start": torch.zeros(4, 3)}, "start has 3 columns, expected 2"),
+        ({"c": torch.zeros(4, 1)}, "condition_dim=0, but got c"),
+    ],
+)
+def test_bad_options(options, words):
+    with pytest.raises(ValueError, match=words):
+        invert(ICNN(2), Y, **options)
+    with pytest.raises(ValueError, match=r"x must have shape \(rows, 2\), got \(4, 3\)"):
+        invert(ICNN(2), torch.zeros(4, 3))

@@ -1,0 +1,348 @@
+"""Optimal flow matching against closed forms, finite differences, and its own dual (I1 is in
+test_action)."""
+
+import numpy as np
+import pytest
+import torch
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
+
+from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT, Pairs
+from cotlearn.flows import conditional_flow_matching_loss, fit, integrate, sampler
+from cotlearn.gaussian import bures_squared
+from cotlearn.metrics import conditional_squared_w2, l2_uvp
+from cotlearn.mixtures import petals, unconditional
+from cotlearn.potentials import (
+    ICNN,
+    PICNN,
+    ConditionalGaussian,
+    InversionWarning,
+    KnownMap,
+    LogSumExp,
+    OptimalField,
+    dual_loss,
+    dual_objective,
+    inverse_transport,
+    map_sampler,
+    optimal_flow_matching_loss,
+    optimal_flow_matching_loss_at,
+    transport,
+)
+
+ROOT = torch.tensor([[1.5, 0.4], [0.4, 0.6]], dtype=torch.float64)
+MEAN = torch.tensor([2.0, -1.0], dtype=torch.float64)
+
+
+def gaussian_potential():
+    """The potential of the optimal map x -> ROOT x + MEAN, without a network's part."""
+    net = ICNN(2, width=1, depth=1).double()
+    with torch.no_grad():
+        net.body.raw_w.fill_(-100.0)
+        net.root.copy_(torch.linalg.cholesky(ROOT - net.alpha * torch.eye(2).double()))
+        net.b.copy_(MEAN)
+    return net
+
+
+def network(condition_dim=0, dim=2, seed=0):
+    """A small one, away from its start."""
+    if condition_dim:
+        net = PICNN(dim, condition_dim, width=8, depth=2, condition_width=6, seed=seed)
+    else:
+        net = ICNN(dim, width=8, depth=2, seed=seed)
+    with torch.no_grad():
+        net.body.raw_w.add_(4.0)
+    return net.double()
+
+
+def make_pairs(n=64, dim=2, condition_dim=0, seed=0, order=None):
+    generator = torch.Generator().manual_seed(seed)
+    x0 = torch.randn(n, dim, generator=generator).double()
+    x1 = 2 * torch.randn(n, dim, generator=generator).double() + 1
+    c = torch.rand(n, condition_dim, generator=generator).double() if condition_dim else None
+    index = torch.arange(n)
+    order = index if order is None else order
+    return Pairs(x0, x1[order], c, index, order)
+
+
+def gauss_legendre(f, nodes=48):
+    """The integral of f over [0, 1]."""
+    places, weights = np.polynomial.legendre.leggauss(nodes)
+    return sum(w / 2 * f((p + 1) / 2) for p, w in zip(places, weights, strict=True))
+
+
+# --- the Gaussian closed form ---------------------------------------------------------------------
+
+
+def test_transport_and_its_inverse_are_the_gaussian_map():
+    x0 = make_pairs().x0
+    x1 = transport(gaussian_potential(), x0)
+    assert torch.allclose(x1, x0 @ ROOT + MEAN)
+    assert torch.allclose(inverse_transport(gaussian_potential(), x1), x0)
+
+
+@pytest.mark.parametrize("t", [0.0, 0.3, 1.0])
+def test_field_is_the_displacement_interpolation(t):
+    x0 = make_pairs().x0
+    x1 = x0 @ ROOT + MEAN
+    field = OptimalField(gaussian_potential())
+    assert torch.allclose(field(t, (1 - t) * x0 + t * x1), x1 - x0, atol=1e-8)
+
+
+def test_one_euler_step_is_exact():
+    net, x0 = network(), make_pairs().x0
+    field = OptimalField(net)
+    for nfe in (1, 7):
+        assert torch.allclose(integrate(field, x0, nfe=nfe).x1, transport(net, x0), atol=1e-7)
+
+
+def test_loss_is_zero_for_optimal_pairs_and_else_the_floor():
+    """The floor E|x1 - x0|^2 - W2^2, here in closed form for independent pairs."""
+    net = gaussian_potential()
+    x0 = torch.randn(20_000, 2, generator=torch.Generator().manual_seed(0)).double()
+    rows = torch.arange(len(x0))
+    optimal = Pairs(x0, x0 @ ROOT + MEAN, None, rows, rows)
+    generator = torch.Generator().manual_seed(1)
+    for loss in (optimal_flow_matching_loss, dual_loss):
+        assert loss(net, optimal, generator).abs().max() < 1e-6
+        fresh = torch.randn(x0.shape, generator=torch.Generator().manual_seed(2)).double()
+        values = loss(net, Pairs(fresh, optimal.x1, None, rows, rows), generator).detach()
+        S = (ROOT @ ROOT).numpy()
+        means = float(MEAN @ MEAN)
+        floor = (np.trace(S) + 2 + means) - (bures_squared(np.eye(2), S) + means)
+        error = float(values.std()) / len(values) ** 0.5
+        assert abs(float(values.mean()) - floor) < 4 * error
+        assert error < 0.05 * floor
+
+
+def test_floor_with_a_known_map():
+    data = KnownMap(LogSumExp(3, seed=2).gradient, 3)
+    generator = torch.Generator().manual_seed(0)
+    x0, other = torch.randn(2, 4000, 3, generator=generator)
+    x1, rows = data.transport(other), torch.arange(4000)
+    pairs = Pairs(x0, x1, None, rows, rows)
+    values = optimal_flow_matching_loss(LogSumExp(3, seed=2), pairs, generator)
+    squared_w2 = (data.transport(x0) - x0).square().sum(dim=1)
+    floor = (x1 - x0).square().sum(dim=1) - squared_w2
+    gap = (values - floor).detach()
+    assert abs(float(gap.mean())) < 4 * float(gap.std()) / 4000**0.5
+    assert floor.mean() > 1
+
+
+# --- I2: the loss is twice the dual, whatever the plan --------------------------------------------
+
+
+@pytest.mark.parametrize("condition_dim", [0, 2])
+def test_i2_for_two_plans(condition_dim):
+    net = network(condition_dim)
+    shuffled = torch.randperm(64, generator=torch.Generator().manual_seed(5))
+    values = []
+    with torch.no_grad():
+        for order in (None, shuffled):
+            pairs = make_pairs(
+                order=order if condition_dim == 0 else None, condition_dim=condition_dim
+            )
+            left = gauss_legendre(lambda t, p=pairs: optimal_flow_matching_loss_at(net, p, t))
+            dual = dual_objective(net, pairs.x0, pairs.x1, pairs.c)
+            right = 2 * dual - 2 * (pairs.x0 * pairs.x1).sum(dim=1)
+            assert torch.allclose(left, right, atol=1e-6)  # even pair by pair
+            assert torch.allclose(dual_loss(net, pairs), right, atol=1e-9)
+            values.append(float(left.mean() + 2 * (pairs.x0 * pairs.x1).sum(dim=1).mean()))
+    assert values[0] == pytest.approx(values[1], abs=1e-6)
+
+
+def test_dual_loss_of_a_batch_has_the_same_gradient_for_every_plan():
+    shuffled = torch.randperm(64, generator=torch.Generator().manual_seed(5))
+    first, second = (
+        gradient(dual_loss, network(), make_pairs(order=order)) for order in (None, shuffled)
+    )
+    assert torch.allclose(first, second, atol=1e-7)
+
+
+def gradient(loss, net, pairs, *arguments):
+    """Of the mean loss, in all parameters."""
+    value = loss(net, pairs, *arguments).mean()
+    return torch.cat([g.flatten() for g in torch.autograd.grad(value, list(net.parameters()))])
+
+
+@pytest.mark.parametrize("order", ["same", "shuffled"])
+def test_proxy_gradient_is_twice_the_gradient_of_the_dual(order):
+    net = network()
+    index = torch.randperm(64, generator=torch.Generator().manual_seed(5))
+    pairs = make_pairs(order=index if order == "shuffled" else None)
+    integrated = gauss_legendre(lambda t: gradient(optimal_flow_matching_loss_at, net, pairs, t))
+    value = dual_objective(net, pairs.x0, pairs.x1).mean()
+    dual = torch.cat([g.flatten() for g in torch.autograd.grad(value, list(net.parameters()))])
+    assert torch.allclose(integrated, 2 * dual, atol=1e-6)
+    assert dual.norm() > 0.1
+
+
+@pytest.mark.parametrize("condition_dim", [0, 2])
+@pytest.mark.parametrize("t", [0.0, 0.4, 1.0, "random"])
+def test_proxy_gradient_against_finite_differences(t, condition_dim):
+    net, pairs = network(condition_dim), make_pairs(condition_dim=condition_dim)
+    if t == "random":
+        t = torch.rand(64, generator=torch.Generator().manual_seed(3)).double()
+    found = gradient(optimal_flow_matching_loss_at, net, pairs, t)
+    start = parameters_to_vector(net.parameters()).detach()
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(4):
+        way = torch.randn(start.shape, generator=generator).double()
+        sides = []
+        for h in (1e-5, -1e-5):
+            vector_to_parameters(start + h * way, net.parameters())
+            sides.append(float(optimal_flow_matching_loss_at(net, pairs, t).mean().detach()))
+        vector_to_parameters(start, net.parameters())
+        assert (sides[0] - sides[1]) / 2e-5 == pytest.approx(float(found @ way), rel=1e-4, abs=1e-5)
+
+
+def test_proxy_gradient_by_conjugate_gradients(monkeypatch):
+    net, pairs = network(), make_pairs()
+    exact = gradient(optimal_flow_matching_loss_at, net, pairs, 0.7)
+    monkeypatch.setattr("cotlearn.potentials.inversion.EXPLICIT", 1)
+    assert torch.allclose(
+        gradient(optimal_flow_matching_loss_at, net, pairs, 0.7), exact, rtol=1e-3, atol=1e-4
+    )
+
+
+def test_losses_draw_t_from_their_generator():
+    net, pairs = network(), make_pairs()
+    first, second, third = (
+        optimal_flow_matching_loss(net, pairs, torch.Generator().manual_seed(s)) for s in (1, 1, 2)
+    )
+    assert torch.equal(first, second)
+    assert not torch.equal(first, third)
+    assert torch.equal(dual_loss(net, pairs), dual_loss(net, pairs))
+
+
+def test_dtype():
+    net, pairs = network(), make_pairs()
+    assert optimal_flow_matching_loss(net, pairs).dtype == torch.float64
+    small = pairs.map(lambda v: v.float() if v.is_floating_point() else v)
+    for loss in (optimal_flow_matching_loss, dual_loss):
+        assert loss(net.float(), small).dtype == torch.float32
+
+
+# --- training -------------------------------------------------------------------------------------
+
+TRAINING = {"steps": 300, "batch_size": 128, "learning_rate": 3e-2, "seed": 0}
+
+
+@pytest.mark.parametrize("coupling", [Independent(), MinibatchOT()])
+@pytest.mark.parametrize("loss", [optimal_flow_matching_loss, dual_loss])
+def test_training_finds_a_known_map(loss, coupling):
+    data = KnownMap(LogSumExp(2, seed=0).gradient, 2)
+    net = ICNN(2, width=32, depth=2, seed=0).start_at_gaussian(data.sample(2000)[0])
+    x0 = torch.randn(2000, 2, generator=torch.Generator().manual_seed(9))
+    before = l2_uvp(transport(net, x0), data.transport(x0))
+    trained = fit(net, data, coupling, loss=loss, **TRAINING).network
+    after = l2_uvp(transport(trained, x0), data.transport(x0))
+    assert after < 2 < 8 < before
+
+
+def test_naive_pairs_with_a_condition_change_the_answer():
+    """Plan-independence protects only while the noise does not depend on the condition."""
+    data = ConditionalGaussian(2)
+    generator = torch.Generator().manual_seed(0)
+    net = PICNN(2, 1, width=16, depth=1, seed=0).start_at_gaussian(*data.sample(2000, generator))
+    c = data.sample_conditions(1000, generator)
+    x0 = torch.randn(1000, 2, generator=generator)
+    found = {}
+    for coupling in (Independent(), MinibatchOT(), ConditionalOT(1e4)):
+        options = {**TRAINING, "steps": 150, "learning_rate": 1e-2}
+        trained = fit(net, data, coupling, loss=dual_loss, **options).network
+        made = transport(trained, x0, c)
+        found[coupling.name] = l2_uvp(made, data.transport(x0, c), variance=data.variance())
+    assert found["independent"] < 3
+    assert found["conditional_ot"] < 10
+    assert found["minibatch_ot"] > 50
+
+
+@pytest.mark.parametrize("loss", [optimal_flow_matching_loss, dual_loss])
+def test_resumes_bit_for_bit(loss, tmp_path):
+    data = petals()
+    options = {"batch_size": 16, "loss": loss, "coupling": MinibatchOT(), "schedule": "constant"}
+    net = PICNN(2, 4, width=8, depth=1, seed=0)
+    whole = fit(net, data, steps=12, **options).network
+    path = tmp_path / "part.safetensors"
+
+    class Stopped(Exception):
+        pass
+
+    def stops(network, pairs, generator, calls=[0]):  # noqa: B006
+        calls[0] += 1
+        if calls[0] == 8:
+            raise Stopped
+        return loss(network, pairs, generator)
+
+    stops.__qualname__ = loss.__qualname__
+    part = {"steps": 12, "checkpoint": path, "checkpoint_every": 6}
+    with pytest.raises(Stopped):
+        fit(net, data, **{**options, "loss": stops}, **part)
+    resumed = fit(net, data, **options, **part).network
+    for (name, a), b in zip(whole.state_dict().items(), resumed.state_dict().values(), strict=True):
+        assert torch.equal(a, b), name
+
+
+def test_samplers_draw_fresh_noise():
+    data = petals()
+    net = PICNN(2, 4, seed=0).start_at_gaussian(
+        *data.sample(2000, torch.Generator().manual_seed(0))
+    )
+    c = data.conditions().repeat_interleave(200, dim=0)
+    made = map_sampler(net)(c, torch.Generator().manual_seed(1))
+    assert made.shape == (800, 2)
+    assert torch.equal(made, map_sampler(net)(c, torch.Generator().manual_seed(1)))
+    through_field = sampler(OptimalField(net), nfe=1)(c, torch.Generator().manual_seed(1))
+    assert torch.allclose(made, through_field, atol=1e-4)
+    fixed = map_sampler(net, source=lambda n, generator=None: torch.zeros(n, 2))(c)
+    assert torch.equal(fixed[0], fixed[1])
+    assert conditional_squared_w2(map_sampler(net), data, n=200) < 2
+    alone = ICNN(2).start_at_gaussian(unconditional(data).sample(500)[0])
+    assert map_sampler(alone)(c).shape == (800, 2)
+
+
+# --- bad input ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("loss", [optimal_flow_matching_loss, dual_loss])
+def test_pairs_that_do_not_fit(loss):
+    with pytest.raises(ValueError, match=r"x must have shape \(rows, 3\), got \(64, 2\)"):
+        loss(network(dim=3), make_pairs())
+    with pytest.raises(ValueError, match="condition_dim=0, but got c"):
+        loss(network(), make_pairs(condition_dim=1))
+    with pytest.raises(ValueError, match="needs c of shape"):
+        loss(network(1), make_pairs())
+    with pytest.raises(ValueError, match=r"c must have shape \(64, 1\), got \(64, 2\)"):
+        loss(network(1), make_pairs(condition_dim=2))
+
+
+@pytest.mark.parametrize("t", [-0.01, 1.01, float("nan"), torch.full((64,), 2.0)])
+def test_times_outside_the_interval(t):
+    with pytest.raises(ValueError, match=r"t must lie in \[0, 1\]"):
+        OptimalField(network())(t, make_pairs().x0)
+    with pytest.raises(ValueError, match=r"t must lie in \[0, 1\]"):
+        optimal_flow_matching_loss_at(network(), make_pairs(), t)
+
+
+def test_training_that_diverges_says_so():
+    data = KnownMap(LogSumExp(2, seed=0).gradient, 2)
+    with pytest.raises(RuntimeError, match=r"not finite|became"):
+        fit(
+            ICNN(2, width=4, seed=0),
+            data,
+            Independent(),
+            steps=50,
+            batch_size=8,
+            learning_rate=1e30,
+            loss=dual_loss,
+        )
+
+
+def test_rows_that_do_not_converge_are_told(monkeypatch):
+    monkeypatch.setattr("cotlearn.potentials.inversion.TOLERANCE", {torch.float64: 1e-300})
+    with pytest.warns(InversionWarning, match="rows did not converge"):
+        dual_loss(network(), make_pairs())
+
+
+def test_a_velocity_loss_is_no_loss_for_a_potential():
+    with pytest.raises((TypeError, ValueError)):
+        conditional_flow_matching_loss(network(), make_pairs())
