@@ -1,0 +1,1 @@
+"""Planned demonstrators, one file a task."""

@@ -1,0 +1,24 @@
+"""Push-T: push a T-shaped block onto its outline with a round finger.
+
+The task is that of Implicit Behavioral Cloning and Diffusion Policy, in the form that gym-pusht
+0.1.8 gave it; written anew on pymunk 7.
+"""
+
+from cotlearn.robots.push_t.environment import PushT
+from cotlearn.robots.push_t.geometry import corners, coverage
+from cotlearn.robots.push_t.simulation import Simulation, Simulations, random_state
+from cotlearn.robots.push_t.task import AGENT_RADIUS, GOAL, MAX_STEPS, SIZE, SUCCESS
+
+__all__ = [
+    "AGENT_RADIUS",
+    "GOAL",
+    "MAX_STEPS",
+    "SIZE",
+    "SUCCESS",
+    "PushT",
+    "Simulation",
+    "Simulations",
+    "corners",
+    "coverage",
+    "random_state",
+]

@@ -1,0 +1,143 @@
+"""The gymnasium environment `cotlearn/PushT-v0`."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from cotlearn.robots.push_t import task
+from cotlearn.robots.push_t.geometry import corners
+from cotlearn.robots.push_t.rendering import draw
+from cotlearn.robots.push_t.simulation import Simulation, checked, random_state
+from cotlearn.validation import check_choice
+
+OBSERVATIONS = ("state", "keypoints", "pixels")
+PIXELS = 96  #: width and height of an observed picture
+FRAME = 512  #: width and height of a rendered picture
+
+Observation = NDArray[Any] | dict[str, NDArray[np.float64]]
+
+
+class PushT(gymnasium.Env[Any, Any]):
+    """Push the T onto its outline.
+
+    Spaces, dynamics, reward, success and time limit are those of gym-pusht 0.1.8, and the same seed
+    gives the same start.
+
+    Actions: (2,) float32, the place that the agent is pulled to, in [0, 512]². Observations:
+
+    - "state": (5,) float64, agent x and y, T x, y and angle in [0, 2π);
+    - "keypoints": {"environment_state": (16,), "agent_pos": (2,)}, corners of bar and stem;
+    - "pixels": (96, 96, 3) uint8, much like gym-pusht's pictures, but not pixel for pixel.
+
+    The agent can overshoot the edge of the world, and a T that starts in a wall may stick out of
+    it, by a few pixels: there an observation lies outside the space that gym-pusht declared.
+
+    The reward is min(coverage / 0.95, 1). The episode terminates when the coverage exceeds 0.95
+    (`info["is_success"]`); after 300 steps `gymnasium.make` truncates it. `info["coverage"]` is
+    the share of the goal that is covered.
+
+    Args:
+        obs_type: "state", "keypoints" or "pixels".
+        render_mode: "rgb_array" or None. No display is needed.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": round(1 / task.CONTROL_SECONDS)}  # noqa: RUF012
+
+    def __init__(self, obs_type: str = "state", render_mode: str | None = None) -> None:
+        self.obs_type = check_choice(obs_type, "obs_type", OBSERVATIONS)
+        if render_mode is not None:
+            check_choice(render_mode, "render_mode", ("rgb_array",))
+        self.render_mode = render_mode
+        self.observation_space = _observation_space(obs_type)
+        self.action_space = spaces.Box(0.0, task.SIZE, shape=(2,), dtype=np.float32)
+        self._world: Simulation | None = None
+        self._action: tuple[float, float] | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Starts an episode.
+
+        Args:
+            seed: makes the start repeatable.
+            options: {"state": (5,)} starts at this state; the T's pose is the one asked for, while
+                gym-pusht's "reset_to_state" turns the T after placing it, and so moves it.
+
+        Raises:
+            ValueError: `options` holds anything else, or a state outside the world.
+        """
+        super().reset(seed=seed)
+        self._world, self._action = Simulation(self._start(options)), None
+        return self._observe(), self._info()
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Pulls the agent to `action` for a tenth of a second.
+
+        Raises:
+            TypeError: `action` is not made of real numbers.
+            ValueError: it has not shape (2,), is not finite or lies outside the world.
+        """
+        world = self._running()
+        target = np.asarray(action)
+        if target.shape != (2,):
+            raise ValueError(f"action must have shape (2,), got {target.shape}")
+        x, y = checked(target).tolist()
+        world.step(x, y)
+        self._action = (x, y)
+        info = self._info()
+        reward = min(info["coverage"] / task.SUCCESS, 1.0)
+        return self._observe(), reward, info["is_success"], False, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture of (512, 512, 3), the last action marked by a cross; None without a mode."""
+        if self.render_mode is None:
+            return None
+        return draw(self._running().state, size=FRAME, action=self._action)
+
+    def _start(self, options: dict[str, Any] | None) -> Any:
+        if not options:
+            return random_state(self.np_random)
+        if set(options) != {"state"}:
+            raise ValueError(f"options must be {{'state': ...}} or None, got {options!r}")
+        state = np.asarray(options["state"], dtype=np.float64)
+        if state.shape == (5,) and not ((state[:4] >= 0) & (state[:4] <= task.SIZE)).all():
+            raise ValueError(f"state must lie in the world, [0, 512]², got {state.tolist()}")
+        return state
+
+    def _running(self) -> Simulation:
+        if self._world is None:
+            raise gymnasium.error.ResetNeeded("call reset() before step() or render()")
+        return self._world
+
+    def _observe(self) -> Observation:
+        agent_x, agent_y, x, y, angle = state = self._running().state
+        if self.obs_type == "state":
+            return np.array([agent_x, agent_y, x, y, angle % (2 * math.pi)])
+        if self.obs_type == "keypoints":
+            points = corners(state[2:], task.KEYPOINTS)
+            return {"environment_state": points.ravel(), "agent_pos": np.array([agent_x, agent_y])}
+        return draw(state, size=PIXELS)
+
+    def _info(self) -> dict[str, Any]:
+        coverage = self._running().coverage
+        return {"coverage": coverage, "is_success": coverage > task.SUCCESS}
+
+
+def _observation_space(obs_type: str) -> spaces.Space[Any]:
+    if obs_type == "state":
+        high = np.array([task.SIZE] * 4 + [2 * math.pi])
+        return spaces.Box(np.zeros(5), high, dtype=np.float64)
+    if obs_type == "keypoints":
+        return spaces.Dict(
+            {
+                "environment_state": spaces.Box(0.0, task.SIZE, shape=(16,), dtype=np.float64),
+                "agent_pos": spaces.Box(0.0, task.SIZE, shape=(2,), dtype=np.float64),
+            }
+        )
+    return spaces.Box(0, 255, shape=(PIXELS, PIXELS, 3), dtype=np.uint8)

@@ -1,0 +1,50 @@
+"""The numbers that define Push-T: lengths in pixels, angles in radians, times in seconds."""
+
+import math
+
+SIZE = 512.0  #: the world is the square [0, SIZE]², and so is the space of actions
+GOAL = (256.0, 256.0, math.pi / 4)  #: pose of the block that covers the outline: x, y, angle
+AGENT_RADIUS = 15.0
+MAX_STEPS = 300  #: control steps of an episode
+SUCCESS = 0.95  #: coverage above this ends the episode
+
+CONTROL_SECONDS = 0.1  #: between two actions
+PHYSICS_SECONDS = 0.01
+SUBSTEPS = round(CONTROL_SECONDS / PHYSICS_SECONDS)
+STIFFNESS, DAMPING = 100.0, 20.0  #: gains of the controller that pulls the agent to the action
+
+#: The T in its own frame as rectangles (x0, x1, y0, y1). Its origin is the middle of the bar's
+#: outer edge; a pose says where that point is.
+BAR = (-60.0, 60.0, 0.0, 30.0)
+STEM = (-15.0, 15.0, 30.0, 120.0)
+RECTANGLES = (BAR, STEM)
+AREA = sum((x1 - x0) * (y1 - y0) for x0, x1, y0, y1 in RECTANGLES)
+
+#: The outline of the T, counterclockwise where y points up.
+OUTLINE = (
+    (-60.0, 0.0),
+    (60.0, 0.0),
+    (60.0, 30.0),
+    (15.0, 30.0),
+    (15.0, 120.0),
+    (-15.0, 120.0),
+    (-15.0, 30.0),
+    (-60.0, 30.0),
+)
+
+#: The corners of bar and stem, in the order of gym-pusht's keypoints.
+KEYPOINTS = (
+    (-60.0, 0.0),
+    (60.0, 0.0),
+    (60.0, 30.0),
+    (-60.0, 30.0),
+    (-15.0, 30.0),
+    (15.0, 30.0),
+    (15.0, 120.0),
+    (-15.0, 120.0),
+)
+
+MASS = 1.0
+CENTRE_OF_GRAVITY = (0.0, 45.0)  #: in the frame of the T; not the centroid of its area
+WALLS = (5.0, 506.0)  #: the middle lines of the four walls, which stop the T but not the agent
+WALL_RADIUS = 2.0
