@@ -1,16 +1,10 @@
 """The solvers behind the couplings: exact permutations, entropic plans, and drawing from a plan.
 
-How the exact solver works. SciPy's assignment (shortest augmenting paths) takes long because its
-dual potentials start at zero. Potentials f, g may be taken off the cost before it begins,
-c_ij - f_i - g_j has the same optimal permutation, and a few dozen Sinkhorn steps in single
-precision give potentials that are nearly optimal: most rows then find a free column at once. The
-potentials change the time and not the optimum, which SciPy finds in double precision.
-
-The temperature falls from a tenth of the cost's standard deviation to 1/B of it, because the
-distance to the nearest of B points falls likewise, in factors of about five with up to ten
-over-relaxed steps each (Thibault 1711.01851); with larger relaxation (1.7) single problems were
-slower by ten times, and colder ends or more steps gained nothing. `benchmarks/assignment.py`
-measures it beside SciPy alone, POT's network simplex and torchcfm.
+The exact solver takes two steps. Twenty Sinkhorn steps in single precision give dual potentials
+that are nearly optimal; from them most rows find a free column at once, and shortest augmenting
+paths in double precision (`augmenting.py`) do the rest. The potentials change the time, never the
+optimum. Colder last temperatures, more steps and stronger over-relaxation were tried and did not
+pay over all sizes. `benchmarks/assignment.py` measures it beside torchcfm, SciPy and POT.
 """
 
 from __future__ import annotations
@@ -20,6 +14,7 @@ import ot
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from cotlearn.couplings.augmenting import assign
 from cotlearn.validation import check_number
 
 Array = NDArray[np.float64]
@@ -27,10 +22,11 @@ Index = NDArray[np.int64]
 Single = NDArray[np.float32]
 
 SMALL_BATCH = 64  #: up to here SciPy is done before potentials would be
-EASY = 0.75  #: share of rows with a cheapest column of their own, above which SciPy needs no help
-RELAXATION = 1.4  #: of the Sinkhorn steps, in [1, 2)
-LEAST = np.float32(1e-18)  #: scalings stay in [1e-18, 1e18], kernels below e^40: no overflow
-LARGEST_EXPONENT = np.float32(40.0)
+EASY = 0.75  #: share of rows with a cheapest column of their own, above which SciPy is as fast
+TEMPERATURES = (0.1, 0.02)  #: of the Sinkhorn steps, in standard deviations of the cost
+STEPS = 10  #: at each temperature
+RELAXATION = np.float32(1.4)  #: of the steps, in [1, 2) (Thibault 1711.01851)
+LEAST = np.float32(1e-12)  #: scalings stay in [1e-12, 1e12]: no power of them overflows
 UNDERFLOW = 100.0  #: exp(-100) is a number, exp(-1000) is not: beyond this, logarithms
 
 
@@ -48,46 +44,57 @@ def exact_permutation(cost: Array) -> Index:
     """
     cost = _check_cost(cost)
     if len(cost) > SMALL_BATCH:
-        reduced = cost - cost.min(axis=0)
-        if len(np.unique(reduced.argmin(axis=1))) < EASY * len(cost):
-            rows, columns = _potentials(reduced)
-            reduced -= rows[:, None]
-            reduced -= columns
-        cost = reduced
-    permutation: Index = linear_sum_assignment(cost)[1].astype(np.int64)
-    return permutation
+        cost = cost - cost.min(axis=0)
+        largest = cost.max()
+        if not 1e-30 < largest < 1e30 and largest > 0:  # beyond single precision
+            cost /= largest
+        single = cost.astype(np.float32)
+        if len(np.unique(single.argmin(axis=1))) < EASY * len(cost):
+            rows, columns = _potentials(single)
+            permutation: Index = assign(cost, rows, columns, _near(cost, rows, columns))
+            return permutation
+    return linear_sum_assignment(cost)[1].astype(np.int64)
 
 
-def _potentials(cost: Array) -> tuple[Array, Array]:
-    """Nearly optimal dual potentials of an assignment, by Sinkhorn steps that grow colder."""
-    size, scale = len(cost), float(cost.max())
-    if scale == 0:
-        return np.zeros(size), np.zeros(size)
-    single = (cost / scale).astype(np.float32)
-    spread = single.std()
-    single /= spread
-    scale *= float(spread)
-    rows, columns = np.zeros((2, size), np.float32)
-    kernel = np.empty_like(single)
-    steps = min(10, 5 + size // 128)
-    stages = max(2, 1 + round(np.log(0.1 * size) / np.log(5)))
-    for epsilon in np.geomspace(0.1, 1 / size, stages).astype(np.float32):
-        np.subtract(columns, single, out=kernel)
+def _potentials(cost: Single) -> tuple[Array, Array]:
+    """Nearly optimal dual potentials, by over-relaxed Sinkhorn steps; the cost is overwritten."""
+    spread = cost[:: len(cost) // 32].std()
+    if spread == 0:
+        return np.zeros(len(cost)), np.zeros(len(cost))
+    cost /= spread
+    kernel = np.empty_like(cost)
+    rows, columns = np.zeros((2, len(cost)), np.float32)
+    for temperature in np.array(TEMPERATURES, np.float32):
+        np.subtract(columns, cost, out=kernel)
         kernel += rows[:, None]
-        kernel /= epsilon
-        np.exp(np.minimum(kernel, LARGEST_EXPONENT, out=kernel), out=kernel)
-        u, v = np.ones((2, size), np.float32)
-        for _ in range(steps):
-            u = _relaxed(u, kernel @ v)
-            v = _relaxed(v, u @ kernel)
-        rows, columns = rows + epsilon * np.log(u), columns + epsilon * np.log(v)
-    return scale * rows.astype(np.float64), scale * columns.astype(np.float64)
+        kernel *= 1 / temperature
+        np.exp(kernel, out=kernel)
+        u, v = np.ones((2, len(cost)), np.float32)
+        for _ in range(STEPS):
+            _relax(u, kernel @ v)
+            _relax(v, u @ kernel)
+        np.divide(1, u @ kernel + LEAST, out=v)  # keeps the next kernel at most 1
+        rows += temperature * np.log(u)
+        columns += temperature * np.log(v)
+    return (spread * rows).astype(np.float64), (spread * columns).astype(np.float64)
 
 
-def _relaxed(scaling: Single, product: Single) -> Single:
-    """The scaling after an over-relaxed step towards 1 / product, kept within its range."""
-    towards = scaling * (scaling * product + LEAST) ** np.float32(-RELAXATION)
-    return np.clip(towards, LEAST, 1 / LEAST)
+def _relax(scaling: Single, product: Single) -> None:
+    """Move the scaling to 1 / product and, by over-relaxation, beyond; in place."""
+    product *= scaling
+    product += LEAST
+    scaling *= product**-RELAXATION
+    np.minimum(scaling, 1 / LEAST, out=scaling)
+    np.maximum(scaling, LEAST, out=scaling)
+
+
+def _near(cost: Array, rows: Array, columns: Array) -> float:
+    """The reduced cost that about 16 columns of a row do not exceed, more in large batches."""
+    size = len(cost)
+    some = slice(None, None, size // 16)
+    reduced = (cost[some] - rows[some, None] - columns).ravel()
+    rank = max(16, size // 32) * len(reduced) // size
+    return float(np.partition(reduced, rank)[rank])
 
 
 def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
@@ -129,6 +136,6 @@ def _check_cost(cost: Array) -> Array:
     cost = np.ascontiguousarray(cost, dtype=np.float64)
     if cost.ndim != 2 or cost.shape[0] != cost.shape[1] or cost.size == 0:
         raise ValueError(f"cost must be a non-empty square matrix, got shape {cost.shape}")
-    if not np.isfinite(cost).all():
+    if not (np.isfinite(cost.min()) and np.isfinite(cost.max())):
         raise ValueError("cost has NaN or infinite values")
     return cost

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
 
-MANY_DIMENSIONS = 16  #: from here on a matrix product is the faster way to distances
+MANY_DIMENSIONS = 32  #: from here on a matrix product is the faster way to distances
 LOST_DIGITS = 1e-6  #: share of |a|^2 + |b|^2 below which a distance is computed directly
 
 

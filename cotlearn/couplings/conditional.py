@@ -102,8 +102,9 @@ class ConditionalOT(Coupling):
             condition_cost = self.condition_cost(numbers[torch.from_numpy(own)], numbers)
             weight = self.weight(sample_cost, condition_cost, own)
             with np.errstate(over="ignore"):
-                cost = sample_cost + weight * condition_cost
-            if not np.isfinite(cost).all():
+                cost = weight * condition_cost
+                cost += sample_cost
+            if not np.isfinite(cost.max()):
                 raise ValueError(
                     f"condition_weight {weight:.3g} makes the condition's cost infinite; "
                     "use math.inf to pair within equal conditions"

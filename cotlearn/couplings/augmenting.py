@@ -1,0 +1,114 @@
+"""Exact assignment from nearly optimal potentials: shortest augmenting paths, lazily dense.
+
+The classical way (Jonker and Volgenant 1987) adds one row at a time by the shortest path, in
+reduced costs, to a free column. Good potentials make those paths short, but each row on them still
+looks at all B columns. Here a row looks first at its near columns, those whose reduced cost is
+below a threshold, and puts a note into the queue: "beyond these, nothing is nearer than d". Only
+if the search reaches that distance does the row look at all columns. The result is exact whatever
+the potentials and the threshold are; they only change the time.
+
+This is the one place where the course needs compiled loops. Numba compiles them when they are
+first called (two seconds, kept in a cache).
+"""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+WIDTH = 128  #: near columns that a row remembers, at most
+
+
+@njit(cache=True, nogil=True)
+def assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
+    """The permutation p that minimises sum_i cost[i, p[i]].
+
+    Args:
+        cost: (B, B), finite.
+        rows: (B,), potentials of the rows.
+        columns: (B,), potentials of the columns.
+        near: a row's near columns have cost_ij - rows_i - columns_j up to this.
+
+    Returns:
+        (B,), the column of each row.
+    """
+    n = len(cost)
+    near_column = np.empty((n, WIDTH), np.int64)
+    near_cost = np.empty((n, WIDTH))
+    n_near = np.zeros(n, np.int64)
+    beyond = np.full(n, np.inf)  # no column that is not near costs less
+    column_of, row_of = np.full(n, -1), np.full(n, -1)
+    for i in range(n):  # every row takes its cheapest column, if that is free
+        best, least = -1, np.inf
+        for j in range(n):
+            reduced = cost[i, j] - rows[i] - columns[j]
+            if reduced < least:
+                best, least = j, reduced
+            if reduced <= near and n_near[i] < WIDTH:
+                near_column[i, n_near[i]], near_cost[i, n_near[i]] = j, reduced
+                n_near[i] += 1
+            elif reduced < beyond[i]:
+                beyond[i] = reduced
+        if row_of[best] < 0:
+            row_of[best], column_of[i] = i, best
+
+    price = np.zeros(n)  # of the columns, on top of their potentials; it never rises
+    distance, before = np.full(n, np.inf), np.full(n, -1)
+    settled, reached = np.zeros(n, np.bool_), np.empty(n, np.int64)
+    queue = [(0.0, 0)]
+    for start in range(n):
+        if column_of[start] >= 0:
+            continue
+        queue.clear()
+        row, offset, n_reached = start, 0.0, 0  # offset: distance to the row, less its own price
+        while True:
+            for k in range(n_near[row]):
+                j = near_column[row, k]
+                longer = offset + near_cost[row, k] - price[j]
+                if longer < distance[j] and not settled[j]:
+                    if distance[j] == np.inf:
+                        reached[n_reached] = j
+                        n_reached += 1
+                    distance[j], before[j] = longer, row
+                    heapq.heappush(queue, (longer, j))
+            heapq.heappush(queue, (offset + beyond[row], n + row))  # the note
+            while True:
+                length, node = heapq.heappop(queue)
+                if node < n:
+                    if settled[node] or length > distance[node]:
+                        continue  # reached by a shorter way since
+                    break
+                far = node - n
+                offset = length - beyond[far]
+                for j in range(n):
+                    longer = offset + cost[far, j] - rows[far] - columns[j] - price[j]
+                    if longer < distance[j] and not settled[j]:
+                        if distance[j] == np.inf:
+                            reached[n_reached] = j
+                            n_reached += 1
+                        distance[j], before[j] = longer, far
+                        heapq.heappush(queue, (longer, j))
+            if row_of[node] < 0:
+                break
+            settled[node] = True
+            row = row_of[node]
+            offset = length - (cost[row, node] - rows[row] - columns[node] - price[node])
+        for k in range(n_reached):
+            j = reached[k]
+            if settled[j]:
+                price[j] += distance[j] - length
+                settled[j] = False
+            distance[j] = np.inf
+        while True:  # along the path every row moves on to the next column
+            row = before[node]
+            row_of[node] = row
+            column_of[row], node = node, column_of[row]
+            if row == start:
+                break
+    return column_of
