@@ -67,6 +67,7 @@ class AdaptiveConditionalOT(ConditionalOT):
             raise ValueError(f"target_ratio must lie between 0 and 1, got {target_ratio}")
         self.target_ratio = float(target_ratio)
         self.cost = check_choice(cost, "cost", COSTS)
+        self.condition_weight = "adaptive"  # see `weight`
         self._last = 0  # grid position of the last positive weight
 
     @classmethod

@@ -1,6 +1,6 @@
 """The solvers behind the couplings: exact permutations, entropic plans, and drawing from a plan.
 
-The exact solver takes two steps. Twenty Sinkhorn steps in single precision give dual potentials
+The exact solver takes two steps. A few Sinkhorn steps in single precision give dual potentials
 that are nearly optimal; from them most rows find a free column at once, and shortest augmenting
 paths in double precision (`augmenting.py`) do the rest. The potentials change the time, never the
 optimum. Colder last temperatures, more steps and stronger over-relaxation were tried and did not
@@ -44,24 +44,23 @@ def exact_permutation(cost: Array) -> Index:
     """
     cost = _check_cost(cost)
     if len(cost) > SMALL_BATCH:
-        cost = cost - cost.min(axis=0)
-        largest = cost.max()
-        if not 1e-30 < largest < 1e30 and largest > 0:  # beyond single precision
-            cost /= largest
-        single = cost.astype(np.float32)
-        if len(np.unique(single.argmin(axis=1))) < EASY * len(cost):
-            rows, columns = _potentials(single)
-            permutation: Index = assign(cost, rows, columns, _near(cost, rows, columns))
-            return permutation
+        least = cost.min(axis=0)
+        with np.errstate(over="ignore"):
+            spread = cost[:: len(cost) // 32].std()
+        if 1e-30 < spread < 1e30:  # else beyond single precision
+            single = np.empty(cost.shape, np.float32)
+            np.subtract(cost, least, out=single, casting="unsafe")
+            single /= spread
+            if len(np.unique(single.argmin(axis=1))) < EASY * len(cost):
+                rows, columns = _potentials(single)
+                rows, columns = spread * rows, least + spread * columns
+                permutation: Index = assign(cost, rows, columns, _near(cost, rows, columns))
+                return permutation
     return linear_sum_assignment(cost)[1].astype(np.int64)
 
 
-def _potentials(cost: Single) -> tuple[Array, Array]:
-    """Nearly optimal dual potentials, by over-relaxed Sinkhorn steps; the cost is overwritten."""
-    spread = cost[:: len(cost) // 32].std()
-    if spread == 0:
-        return np.zeros(len(cost)), np.zeros(len(cost))
-    cost /= spread
+def _potentials(cost: Single) -> tuple[Single, Single]:
+    """Nearly optimal dual potentials of a cost in units of its spread, by Sinkhorn steps."""
     kernel = np.empty_like(cost)
     rows, columns = np.zeros((2, len(cost)), np.float32)
     for temperature in np.array(TEMPERATURES, np.float32):
@@ -76,7 +75,7 @@ def _potentials(cost: Single) -> tuple[Array, Array]:
         np.divide(1, u @ kernel + LEAST, out=v)  # keeps the next kernel at most 1
         rows += temperature * np.log(u)
         columns += temperature * np.log(v)
-    return (spread * rows).astype(np.float64), (spread * columns).astype(np.float64)
+    return rows, columns
 
 
 def _relax(scaling: Single, product: Single) -> None:

@@ -95,21 +95,10 @@ class ConditionalOT(Coupling):
             numbers = check_condition(self.condition(numbers), "condition(c)")
             check_same_rows(numbers, "condition(c)", c, "c")
         own = rng.permutation(len(x0))  # c0 = c[own]
-        sample_cost = squared_distances(x0, x1)
         if self.condition_weight == math.inf:
-            match = self._within_classes(sample_cost, numbers, own, rng)
+            match = self._within_classes(squared_distances(x0, x1), numbers, own, rng)
         else:
-            condition_cost = self.condition_cost(numbers[torch.from_numpy(own)], numbers)
-            weight = self.weight(sample_cost, condition_cost, own)
-            with np.errstate(over="ignore"):
-                cost = weight * condition_cost
-                cost += sample_cost
-            if not np.isfinite(cost.max()):
-                raise ValueError(
-                    f"condition_weight {weight:.3g} makes the condition's cost infinite; "
-                    "use math.inf to pair within equal conditions"
-                )
-            warn_if_imprecise(sample_cost, cost, weight)
+            cost = self._joint_cost(x0, x1, numbers, own)
             match = self.solver.pair(cost, rng)
         if self.label == "target":
             return match
@@ -147,6 +136,36 @@ class ConditionalOT(Coupling):
             return 0.0
         return float((10 * np.sqrt(sample_cost).mean() / spread) ** 2)
 
+    def _joint_cost(
+        self, x0: Tensor, x1: Tensor, c: Tensor, own: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """|x0_i - x1_j|^2 + w C(c0_i, c_j), shape (B, B), with c0 = c[own]."""
+        c0 = c[torch.from_numpy(own)]
+        with np.errstate(over="ignore"):
+            if isinstance(self.condition_weight, str):
+                sample_cost, condition_cost = squared_distances(x0, x1), self.condition_cost(c0, c)
+                weight = self.weight(sample_cost, condition_cost, own)
+                cost = weight * condition_cost
+                cost += sample_cost
+                mean = float(sample_cost.mean())
+            else:  # the distance of the rows with sqrt(w) c appended: one matrix instead of three
+                weight, scale = self.condition_weight, math.sqrt(self.condition_weight)
+                cost = squared_distances(
+                    *(
+                        torch.cat([x.double(), scale * k.double()], dim=1)
+                        for x, k in ((x0, c0), (x1, c))
+                    )
+                )
+                mean = _mean_squared_distance(x0.double(), x1.double())
+        largest = float(cost.max())
+        if not math.isfinite(largest):
+            raise ValueError(
+                f"condition_weight {weight:.3g} makes the condition's cost infinite; "
+                "use math.inf to pair within equal conditions"
+            )
+        warn_if_imprecise(mean, largest, len(cost), weight)
+        return cost
+
     def _within_classes(
         self,
         sample_cost: NDArray[np.float64],
@@ -168,16 +187,20 @@ class ConditionalOT(Coupling):
         return Match(source[order], target[order])
 
 
-def warn_if_imprecise(
-    sample_cost: NDArray[np.float64], cost: NDArray[np.float64], weight: float
-) -> None:
+def _mean_squared_distance(first: Tensor, second: Tensor) -> float:
+    """The mean of |a_i - b_j|^2 over all i and j, without the matrix."""
+    spread = first.var(dim=0, correction=0) + second.var(dim=0, correction=0)
+    return float((spread + (first.mean(dim=0) - second.mean(dim=0)).square()).sum())
+
+
+def warn_if_imprecise(mean_sample_cost: float, largest: float, rows: int, weight: float) -> None:
     """Say so if rounding of the total cost is no longer small against the sample cost."""
-    rounding = np.finfo(np.float64).eps * cost.max() * len(cost)
-    if rounding > 1e-3 * sample_cost.mean():
+    rounding = np.finfo(np.float64).eps * largest * rows
+    if rounding > 1e-3 * mean_sample_cost:
         warnings.warn(
-            f"condition_weight {weight:.3g} makes the condition's cost up to {cost.max():.3g}, so "
+            f"condition_weight {weight:.3g} makes the condition's cost up to {largest:.3g}, so "
             "large that the exact solver cannot resolve the sample's cost "
-            f"({sample_cost.mean():.3g} on average); use a smaller weight, or math.inf to pair "
+            f"({mean_sample_cost:.3g} on average); use a smaller weight, or math.inf to pair "
             "within equal conditions",
             RuntimeWarning,
             stacklevel=2,

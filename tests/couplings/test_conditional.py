@@ -36,10 +36,14 @@ def cost(pairs):
 class Recording(ConditionalOT):
     """Keeps what `match` drew and weighed."""
 
+    def _joint_cost(self, x0, x1, c, own):
+        self._own, self._weight = own, self.condition_weight
+        return super()._joint_cost(x0, x1, c, own)
+
     def weight(self, sample_cost, condition_cost, own):
-        w = super().weight(sample_cost, condition_cost, own)
-        self._seen = sample_cost, condition_cost, own, w
-        return w
+        self._weight = super().weight(sample_cost, condition_cost, own)
+        self._costs = sample_cost, condition_cost
+        return self._weight
 
 
 @pytest.mark.parametrize("n", [40, 130])
@@ -103,7 +107,7 @@ def test_the_plan_is_optimal_for_the_whole_cost(weight, make):
     x0, x1, c = make()
     coupling = Recording(weight)
     pairs = coupling(x0, x1, c, generator=seeded(5))
-    _, _, own, w = coupling._seen
+    own, w = coupling._own, coupling._weight
     assert sorted(own) == list(range(len(c)))  # c0 is a permutation of the batch's conditions
     total = cdist(x0, x1, "sqeuclidean") + w * cdist(c[own], c, "sqeuclidean")
     best = total[linear_sum_assignment(total)].sum()
@@ -129,7 +133,7 @@ def test_balanced_is_the_published_rule(make):
     x0, x1, c = make()
     coupling = Recording("balanced")
     coupling(x0, x1, c, generator=seeded(4))
-    sample_cost, condition_cost, own, w = coupling._seen
+    (sample_cost, condition_cost), own, w = coupling._costs, coupling._own, coupling._weight
     c0 = c[torch.from_numpy(own)]
     g = 10 * torch.cdist(x0.double(), x1.double()).mean() / torch.cdist(c0, c).double().mean()
     assert w == pytest.approx(float(g) ** 2, rel=1e-4)
@@ -159,7 +163,7 @@ def test_label_target_is_the_condition_of_x1_and_source_that_of_the_noise():
     assert not torch.equal(target.c, source.c)
     recording = Recording(1.0)
     recording(x0, x1, c, generator=seeded(6))
-    own = torch.from_numpy(recording._seen[2])
+    own = torch.from_numpy(recording._own)
     assert torch.equal(source.c, c[own[source.source_index]])
     assert torch.equal(source.c.sort(dim=0).values, c.sort(dim=0).values)
 
