@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
+import math
 from collections.abc import Iterator
 
 import torch
@@ -11,8 +13,41 @@ from torch import Tensor, nn
 
 from cotlearn.validation import check_count
 
+_TIME_FEATURES = 32
+_GROUPS = 8  #: of the group normalisation, as in Diffusion Policy
 
-class VelocityMLP(nn.Module):
+
+class _Network(nn.Module):
+    """What all velocity networks share: their sizes, and the checks of their inputs."""
+
+    def __init__(self, dim: int, condition_dim: int) -> None:
+        super().__init__()
+        self.dim = check_count(dim, "dim")
+        self.condition_dim = check_count(condition_dim, "condition_dim", minimum=0)
+
+    def _inputs(
+        self, t: Tensor | float, x: Tensor, c: Tensor | None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """t as (B,), x, and c as (B, k), with k = 0 where there is no condition."""
+        if x.ndim != 2 or x.shape[1] != self.dim:
+            raise ValueError(f"x must have shape (rows, {self.dim}), got {tuple(x.shape)}")
+        time = torch.as_tensor(t, dtype=x.dtype, device=x.device)
+        if time.ndim > 1 or (time.ndim == 1 and len(time) != len(x)):
+            raise ValueError(
+                f"t must be a number or have shape ({len(x)},), got {tuple(time.shape)}"
+            )
+        if c is None and self.condition_dim:
+            raise ValueError(f"this network needs c of shape (rows, {self.condition_dim})")
+        if c is not None and not self.condition_dim:
+            raise ValueError("this network has condition_dim=0, but got c; pass c=None")
+        if c is not None and c.shape != (len(x), self.condition_dim):
+            raise ValueError(
+                f"c must have shape ({len(x)}, {self.condition_dim}), got {tuple(c.shape)}"
+            )
+        return time.expand(len(x)), x, x[:, :0] if c is None else c.to(x.dtype)
+
+
+class VelocityMLP(_Network):
     """A multilayer perceptron v(t, x, c).
 
     Args:
@@ -32,9 +67,7 @@ class VelocityMLP(nn.Module):
         depth: int = 3,
         seed: int | None = None,
     ) -> None:
-        super().__init__()
-        self.dim = check_count(dim, "dim")
-        self.condition_dim = check_count(condition_dim, "condition_dim", minimum=0)
+        super().__init__(dim, condition_dim)
         check_count(width, "width")
         sizes = [1 + dim + condition_dim] + [width] * check_count(depth, "depth")
         with _seeded(seed):
@@ -53,28 +86,185 @@ class VelocityMLP(nn.Module):
             x: (B, d).
             c: (B, k), or None if the network has no condition.
         """
-        if x.ndim != 2 or x.shape[1] != self.dim:
-            raise ValueError(f"x must have shape (rows, {self.dim}), got {tuple(x.shape)}")
-        time = torch.as_tensor(t, dtype=x.dtype, device=x.device)
-        if time.ndim > 1 or (time.ndim == 1 and len(time) != len(x)):
-            raise ValueError(
-                f"t must be a number or have shape ({len(x)},), got {tuple(time.shape)}"
-            )
-        inputs = [time.expand(len(x))[:, None], x]
-        if self.condition_dim:
-            inputs.append(self._check_condition(c, x))
-        elif c is not None:
-            raise ValueError("this network has condition_dim=0, but got c; pass c=None")
-        return self.layers(torch.cat(inputs, dim=1))
+        time, x, condition = self._inputs(t, x, c)
+        return self.layers(torch.cat([time[:, None], x, condition], dim=1))
 
-    def _check_condition(self, c: Tensor | None, x: Tensor) -> Tensor:
-        if c is None:
-            raise ValueError(f"this network needs c of shape (rows, {self.condition_dim})")
-        if c.shape != (len(x), self.condition_dim):
-            raise ValueError(
-                f"c must have shape ({len(x)}, {self.condition_dim}), got {tuple(c.shape)}"
+
+class TimeFeatures(nn.Module):
+    """Sines and cosines of t at `size` / 2 frequencies, from pi/2 to 250 pi: (B,) -> (B, size).
+
+    A network that is given the bare number t can hardly tell neighbouring times apart, and the
+    100 noise levels of a diffusion model are that.
+    """
+
+    frequencies: Tensor
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        frequencies = math.pi / 2 * torch.logspace(0, math.log10(500), size // 2)
+        self.register_buffer("frequencies", frequencies, persistent=False)
+
+    def forward(self, t: Tensor) -> Tensor:
+        """The features of each time."""
+        angle = t[:, None] * self.frequencies
+        return torch.cat([angle.sin(), angle.cos()], dim=1)
+
+
+class ResidualMLP(_Network):
+    """A residual multilayer perceptron for larger problems, 1.3 million weights by default.
+
+    Each block adds W2 silu(W1 norm(h) + U e) to h, where e comes from time and condition.
+
+    Args:
+        dim: d, columns of x and of the velocity.
+        condition_dim: k, columns of c; 0 for no condition (c is then None).
+        width: neurons of each layer.
+        blocks: residual blocks, two layers each.
+        context: size of e.
+        seed: of the initial weights; torch's global randomness if None.
+    """
+
+    def __init__(
+        self,
+        dim: int,
+        condition_dim: int = 0,
+        *,
+        width: int = 384,
+        blocks: int = 4,
+        context: int = 64,
+        seed: int | None = None,
+    ) -> None:
+        super().__init__(dim, condition_dim)
+        check_count(width, "width")
+        check_count(context, "context")
+        self.time = TimeFeatures(_TIME_FEATURES)
+        with _seeded(seed):
+            self.context = nn.Sequential(
+                nn.Linear(_TIME_FEATURES + condition_dim, context), nn.SiLU()
             )
-        return c.to(x.dtype)
+            self.first = nn.Linear(dim + condition_dim, width)
+            self.blocks = nn.ModuleList(
+                _ResidualBlock(width, context) for _ in range(check_count(blocks, "blocks"))
+            )
+            self.last = nn.Sequential(nn.LayerNorm(width), nn.SiLU(), nn.Linear(width, dim))
+
+    def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+        """The velocity, shape (B, d); arguments as for `VelocityMLP`."""
+        time, x, condition = self._inputs(t, x, c)
+        context = self.context(torch.cat([self.time(time), condition], dim=1))
+        h = self.first(torch.cat([x, condition], dim=1))
+        for block in self.blocks:
+            h = block(h, context)
+        return self.last(h)
+
+
+class _ResidualBlock(nn.Module):
+    def __init__(self, width: int, context: int) -> None:
+        super().__init__()
+        self.norm = nn.LayerNorm(width)
+        self.first = nn.Linear(width, width)
+        self.context = nn.Linear(context, width, bias=False)
+        self.second = nn.Linear(width, width)
+
+    def forward(self, h: Tensor, context: Tensor) -> Tensor:
+        inner = self.first(self.norm(h)) + self.context(context)
+        return h + self.second(nn.functional.silu(inner))
+
+
+class TemporalUNet(_Network):
+    """A U-Net over the time steps of a chunk, of the kind of Diffusion Policy's (2303.04137).
+
+    x of shape (B, steps * channels) is read as (steps, channels), row after row. Time and
+    condition scale and shift the channels of every block (FiLM).
+
+    Args:
+        steps: time steps of a chunk; a multiple of 2 ** (len(widths) - 1).
+        channels: numbers at each time step.
+        condition_dim: k, columns of c; 0 for no condition.
+        widths: channels of each level, each a multiple of 8; time is halved between levels.
+        kernel: length of the filters, odd.
+        context: size of what time and condition become.
+        seed: of the initial weights; torch's global randomness if None.
+    """
+
+    def __init__(
+        self,
+        steps: int,
+        channels: int,
+        condition_dim: int = 0,
+        *,
+        widths: tuple[int, ...] = (64, 128),
+        kernel: int = 5,
+        context: int = 64,
+        seed: int | None = None,
+    ) -> None:
+        super().__init__(
+            check_count(steps, "steps") * check_count(channels, "channels"), condition_dim
+        )
+        if not widths or any(check_count(w, "widths") % _GROUPS for w in widths):
+            raise ValueError(f"widths must be multiples of {_GROUPS}, got {widths}")
+        if steps % 2 ** (len(widths) - 1):
+            raise ValueError(
+                f"steps must be a multiple of {2 ** (len(widths) - 1)} for {len(widths)} levels, "
+                f"got {steps}"
+            )
+        if check_count(kernel, "kernel") % 2 == 0:
+            raise ValueError(f"kernel must be odd, got {kernel}")
+        check_count(context, "context")
+        self.steps, self.channels = steps, channels
+        self.time = TimeFeatures(_TIME_FEATURES)
+        below = list(itertools.pairwise(widths))
+        with _seeded(seed):
+            self.context = nn.Sequential(
+                nn.Linear(_TIME_FEATURES + condition_dim, context), nn.Mish()
+            )
+            block = functools.partial(_FilmBlock, kernel=kernel, context=context)
+            befores = (channels, *widths[:-1])
+            self.down = nn.ModuleList(block(a, b) for a, b in zip(befores, widths, strict=True))
+            self.shorten = nn.ModuleList(nn.Conv1d(a, a, 3, stride=2, padding=1) for a, _ in below)
+            self.middle = block(widths[-1], widths[-1])
+            self.lengthen = nn.ModuleList(
+                nn.ConvTranspose1d(b, a, 4, stride=2, padding=1) for a, b in below
+            )
+            self.up = nn.ModuleList(block(2 * a, a) for a, _ in below)
+            self.last = nn.Conv1d(widths[0], channels, 1)
+
+    def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+        """The velocity, shape (B, steps * channels); arguments as for `VelocityMLP`."""
+        time, x, condition = self._inputs(t, x, c)
+        context = self.context(torch.cat([self.time(time), condition], dim=1))
+        h = x.reshape(-1, self.steps, self.channels).transpose(1, 2)
+        kept = []
+        for level, block in enumerate(self.down):
+            h = block(h, context)
+            if level < len(self.shorten):
+                kept.append(h)
+                h = self.shorten[level](h)
+        h = self.middle(h, context)
+        for level in reversed(range(len(self.up))):
+            h = torch.cat([self.lengthen[level](h), kept[level]], dim=1)
+            h = self.up[level](h, context)
+        return self.last(h).transpose(1, 2).reshape(x.shape)
+
+
+class _FilmBlock(nn.Module):
+    """Two convolutions over time, scaled and shifted by the context, and a way round them."""
+
+    def __init__(self, before: int, after: int, *, kernel: int, context: int) -> None:
+        super().__init__()
+        self.first = _convolution(before, after, kernel)
+        self.second = _convolution(after, after, kernel)
+        self.film = nn.Linear(context, 2 * after)
+        self.round = nn.Conv1d(before, after, 1) if before != after else nn.Identity()
+
+    def forward(self, h: Tensor, context: Tensor) -> Tensor:
+        scale, shift = self.film(context)[:, :, None].chunk(2, dim=1)
+        return self.second((1 + scale) * self.first(h) + shift) + self.round(h)
+
+
+def _convolution(before: int, after: int, kernel: int) -> nn.Sequential:
+    filters = nn.Conv1d(before, after, kernel, padding=kernel // 2)
+    return nn.Sequential(filters, nn.GroupNorm(_GROUPS, after), nn.Mish())
 
 
 @contextlib.contextmanager

@@ -2,6 +2,7 @@ import pytest
 import torch
 
 from cotlearn.flows import VelocityMLP
+from cotlearn.flows.networks import ResidualMLP, TemporalUNet
 
 
 @pytest.mark.parametrize(("dim", "condition_dim"), [(1, 0), (2, 4), (7, 1)])
@@ -73,5 +74,79 @@ def test_integer_conditions_are_numbers():
     ],
 )
 def test_bad_input(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def residual(dim, condition_dim, **options):
+    return ResidualMLP(dim, condition_dim, width=16, blocks=2, context=8, **options)
+
+
+def unet(dim, condition_dim, **options):
+    return TemporalUNet(dim // 2, 2, condition_dim, widths=(8, 16), context=8, **options)
+
+
+@pytest.mark.parametrize("make", [residual, unet])
+@pytest.mark.parametrize(("dim", "condition_dim"), [(4, 0), (8, 3)])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_larger_networks(make, dim, condition_dim, dtype):
+    network = make(dim, condition_dim, seed=0).to(dtype)
+    x = torch.randn(5, dim, dtype=dtype)
+    c = torch.randn(5, condition_dim, dtype=dtype) if condition_dim else None
+    for t in (0.3, torch.tensor(0.3), torch.full((5,), 0.3), 0):
+        v = network(t, x, c)
+        assert v.shape == (5, dim)
+        assert v.dtype == dtype
+    v = network(0.25, x, c)
+    assert torch.allclose(v, network(torch.full((5,), 0.25), x, c), atol=1e-6)
+    assert not torch.allclose(v, network(0.26, x, c))
+    assert not torch.allclose(v, network(0.25, x + 0.5, c))
+    if c is not None:
+        assert not torch.allclose(v, network(0.25, x, c + 0.5))
+    swapped = network(0.25, x.flip(0), None if c is None else c.flip(0))
+    assert torch.allclose(v.flip(0), swapped, atol=1e-5)
+    network(0.5, x, c).sum().backward()
+    assert all(p.grad is not None and p.grad.isfinite().all() for p in network.parameters())
+    again = make(dim, condition_dim, seed=0).to(dtype)
+    assert all(
+        torch.equal(a, b) for a, b in zip(again.parameters(), network.parameters(), strict=True)
+    )
+
+
+def test_the_default_sizes():
+    def size(network):
+        return sum(p.numel() for p in network.parameters())
+
+    assert size(ResidualMLP(32, 12)) == pytest.approx(1.3e6, rel=0.03)
+    assert size(TemporalUNet(16, 2, 12)) < 1e6
+
+
+def test_a_unet_sees_the_neighbouring_times_of_a_chunk():
+    network = TemporalUNet(16, 2, widths=(8,), kernel=3, seed=0)
+    with torch.no_grad():
+        for module in network.modules():
+            if isinstance(module, torch.nn.GroupNorm):  # it mixes all times
+                module.forward = lambda h: h
+    x = torch.randn(1, 32)
+    changed = x.clone()
+    changed[0, 2 * 10] += 1  # time 10, channel 0
+    moved = (network(0.5, x) - network(0.5, changed)).reshape(16, 2).abs().sum(dim=1) > 1e-7
+    assert moved[10]
+    assert moved.nonzero()[:, 0].tolist() == list(range(6, 15))  # 4 convolutions of length 3
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: TemporalUNet(15, 2), "steps must be a multiple of 2 for 2 levels, got 15"),
+        (lambda: TemporalUNet(16, 2, widths=(10,)), "widths must be multiples of 8"),
+        (lambda: TemporalUNet(16, 2, kernel=4), "kernel must be odd"),
+        (lambda: TemporalUNet(16, 2)(0.0, torch.zeros(3, 30)), r"x must have shape \(rows, 32\)"),
+        (lambda: ResidualMLP(2, 1)(0.0, torch.zeros(3, 2)), "this network needs c of shape"),
+        (lambda: ResidualMLP(2, blocks=0), "blocks must be at least 1"),
+        (lambda: ResidualMLP(2)(torch.zeros(4), torch.zeros(3, 2)), r"t must .* shape \(3,\)"),
+    ],
+)
+def test_bad_input_of_larger_networks(call, message):
     with pytest.raises(ValueError, match=message):
         call()

@@ -1,0 +1,167 @@
+"""DDPM and DDIM on the same networks: the baseline that flow matching policies are measured by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from cotlearn.couplings.base import Pairs
+from cotlearn.flows.matching import Velocity
+from cotlearn.validation import check_choice, check_condition, check_count, check_same_rows
+
+SPACINGS = ("leading", "trailing")
+LARGEST_BETA = 0.999
+
+Renoise = Callable[[int], Tensor]
+
+
+class Diffusion:
+    """A diffusion model with N noise levels k = 0 .. N-1 whose network predicts the noise.
+
+    x_k = sqrt(a_k) x1 + sqrt(1 - a_k) x0 with noise x0, and a_k the squared cosine of Nichol &
+    Dhariwal (2102.09672, eq. 17), as in Diffusion Policy (2303.04137). The network is called as
+    network(k / N, x_k, c), so that any velocity network serves.
+
+    Args:
+        levels: N, at least 2 (Diffusion Policy: 100).
+        clip: the predicted x1 is cut to [-clip, clip] while sampling; None for data without range.
+
+    Attributes:
+        kept: a_k, (N,), the share of the data's variance that is left at level k, falling.
+    """
+
+    def __init__(self, levels: int = 100, *, clip: float | None = 1.0) -> None:
+        self.levels = check_count(levels, "levels", minimum=2)
+        if clip is not None and not clip > 0:
+            raise ValueError(f"clip must be above 0 or None, got {clip}")
+        self.clip = clip
+        self.kept = _squared_cosine(levels)
+
+    def loss(self, network: Velocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
+        """|network(k / N, x_k, c) - x0|^2 at one uniform level per row, (B,) (2006.11239, eq. 14).
+
+        It is a loss for `fit`; the coupling must be `Independent`, or x0 would not be noise.
+        """
+        k = torch.randint(self.levels, (len(pairs),), generator=generator).to(pairs.x0.device)
+        kept = self.kept.to(pairs.x0)[k][:, None]
+        x = kept.sqrt() * pairs.x1 + (1 - kept).sqrt() * pairs.x0
+        predicted = network((k / self.levels).to(x), x, pairs.c)
+        if predicted.shape != x.shape:  # broadcasting would hide it
+            raise ValueError(
+                f"network must return shape {tuple(x.shape)}, got {tuple(predicted.shape)}"
+            )
+        return (predicted - pairs.x0).square().sum(dim=1)
+
+    @torch.no_grad()
+    def ddpm(
+        self,
+        network: Velocity,
+        x: Tensor,
+        c: Tensor | None = None,
+        *,
+        generator: torch.Generator | None = None,
+        noise: Tensor | None = None,
+    ) -> Tensor:
+        """Samples by all N steps of the ancestral chain (Ho 2006.11239, algorithm 2).
+
+        Args:
+            network: trained with `loss`.
+            x: (B, d) noise to start from.
+            c: (B, k), or None.
+            generator: of the noise added in each step but the last.
+            noise: (N - 1, B, d), that noise, drawn before; then no generator is needed.
+        """
+        _check(x, c)
+        if noise is not None and noise.shape != (self.levels - 1, *x.shape):
+            raise ValueError(
+                f"noise must have shape {(self.levels - 1, *x.shape)}, got {tuple(noise.shape)}"
+            )
+        kept = self.kept.double().tolist()
+        for number, k in enumerate(reversed(range(self.levels))):
+            before = kept[k - 1] if k else 1.0
+            step = kept[k] / before  # 1 - beta_k
+            x1, _ = self._split(network, k, x, c)
+            of_x1 = math.sqrt(before) * (1 - step) / (1 - kept[k])
+            of_x = math.sqrt(step) * (1 - before) / (1 - kept[k])
+            x = of_x1 * x1 + of_x * x
+            if k:
+                spread = math.sqrt((1 - before) / (1 - kept[k]) * (1 - step))
+                if noise is None:
+                    fresh = torch.randn(x.shape, generator=generator, dtype=x.dtype).to(x.device)
+                else:
+                    fresh = noise[number]
+                x = x + spread * fresh
+        return x
+
+    @torch.no_grad()
+    def ddim(
+        self,
+        network: Velocity,
+        x: Tensor,
+        c: Tensor | None = None,
+        *,
+        nfe: int,
+        spacing: str = "leading",
+    ) -> Tensor:
+        """Samples by nfe deterministic steps (Song 2010.02502, eq. 12 with sigma = 0).
+
+        Args:
+            network: trained with `loss`.
+            x: (B, d) noise to start from.
+            c: (B, k), or None.
+            nfe: evaluations of the network, at most N.
+            spacing: "leading": levels 0, s, 2s, ... with s = floor(N / nfe), the default of
+                Diffusion Policy's; "trailing": N - 1, N - 1 - N / nfe, ..., which starts where
+                there is only noise (2305.08891).
+        """
+        _check(x, c)
+        levels = self.ddim_levels(nfe, spacing)
+        for k, after in zip(levels, [*levels[1:], None], strict=True):
+            x1, noise = self._split(network, k, x, c)
+            kept = 1.0 if after is None else float(self.kept[after])
+            x = math.sqrt(kept) * x1 + math.sqrt(1 - kept) * noise
+        return x
+
+    def ddim_levels(self, nfe: int, spacing: str = "leading") -> list[int]:
+        """The levels at which `ddim` evaluates the network, falling."""
+        if check_count(nfe, "nfe") > self.levels:
+            raise ValueError(f"nfe must be at most the {self.levels} levels, got {nfe}")
+        if check_choice(spacing, "spacing", SPACINGS) == "leading":
+            return [self.levels // nfe * i for i in reversed(range(nfe))]
+        return [round(self.levels * (nfe - i) / nfe) - 1 for i in range(nfe)]
+
+    def _split(
+        self, network: Velocity, k: int, x: Tensor, c: Tensor | None
+    ) -> tuple[Tensor, Tensor]:
+        """The x1 and the noise that the network sees in x at level k."""
+        time = torch.tensor(k / self.levels, dtype=x.dtype, device=x.device)
+        noise = network(time, x, c)
+        kept = float(self.kept[k])
+        x1 = (x - math.sqrt(1 - kept) * noise) / math.sqrt(kept)
+        return (x1 if self.clip is None else x1.clamp(-self.clip, self.clip)), noise
+
+
+def _squared_cosine(levels: int) -> Tensor:
+    """a_k = prod (1 - beta_j) with beta_j = min(0.999, 1 - f(j + 1) / f(j)), float64."""
+    time = torch.arange(levels + 1, dtype=torch.float64) / levels
+    f = ((time + 0.008) / 1.008 * math.pi / 2).cos().square()
+    beta = (1 - f[1:] / f[:-1]).clamp(max=LARGEST_BETA)
+    return (1 - beta).cumprod(dim=0)
+
+
+def _check(x: Tensor, c: Tensor | None) -> None:
+    if c is not None:
+        check_same_rows(check_condition(c), "c", x, "x")
+
+
+def regression_loss(network: Velocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
+    """|network(0, 0, c) - x1|^2, (B,): mean-squared-error behaviour cloning on the same network."""
+    return (predict(network, torch.zeros_like(pairs.x1), pairs.c) - pairs.x1).square().sum(dim=1)
+
+
+def predict(network: Velocity, x: Tensor, c: Tensor | None) -> Tensor:
+    """What a network trained with `regression_loss` predicts; of x only the shape counts."""
+    return network(torch.zeros((), dtype=x.dtype, device=x.device), torch.zeros_like(x), c)

@@ -1,0 +1,178 @@
+import math
+
+import pytest
+import torch
+
+from cotlearn.couplings import Independent
+from cotlearn.datasets import Dataset
+from cotlearn.flows import fit
+from cotlearn.flows.diffusion import Diffusion, predict, regression_loss
+from cotlearn.flows.networks import VelocityMLP
+
+MEAN, DEVIATION = torch.tensor([0.5, -0.2]), torch.tensor([0.3, 0.1])
+
+
+def optimal(diffusion):
+    """The network that predicts E[noise | x_k] for independent Gaussian coordinates."""
+
+    def network(t, x, c=None):
+        kept = diffusion.kept[(t * diffusion.levels).round().long()].to(x)
+        variance = kept * DEVIATION.to(x) ** 2 + 1 - kept
+        return (1 - kept).sqrt() * (x - kept.sqrt() * MEAN.to(x)) / variance
+
+    return network
+
+
+def noise(*shape, seed=0):
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def test_the_schedule():
+    kept = Diffusion(100).kept
+    assert kept.shape == (100,)
+    assert (kept.diff() < 0).all()
+
+    def f(time):
+        return math.cos((time + 0.008) / 1.008 * math.pi / 2) ** 2
+
+    for k in (0, 10, 50, 90):  # before beta is cut, the product telescopes
+        assert kept[k].item() == pytest.approx(f((k + 1) / 100) / f(0), rel=1e-9)
+    assert kept[-1] < 1e-5
+
+
+def test_ddpm_on_gaussian_data():
+    diffusion = Diffusion(1000, clip=None)
+    x = diffusion.ddpm(
+        optimal(diffusion), noise(20_000, 2), generator=torch.Generator().manual_seed(1)
+    )
+    assert torch.allclose(x.mean(dim=0), MEAN.double(), atol=0.01)
+    assert torch.allclose(x.std(dim=0), DEVIATION.double(), rtol=0.04)
+
+
+def test_ddim_on_gaussian_data_is_the_map_it_should_be():
+    diffusion = Diffusion(1000, clip=None)
+    x0 = noise(100, 2)
+    fine = diffusion.ddim(optimal(diffusion), x0, nfe=1000)
+    assert torch.allclose(fine, MEAN + DEVIATION * x0, atol=0.003)  # the probability flow's
+    coarse = diffusion.ddim(optimal(diffusion), x0, nfe=4, spacing="trailing")
+    assert (coarse - fine).abs().max() > 0.02
+    assert torch.equal(fine, diffusion.ddim(optimal(diffusion), x0, nfe=1000))
+
+
+def test_levels():
+    diffusion = Diffusion(100)
+    assert diffusion.ddim_levels(4) == [75, 50, 25, 0]
+    assert diffusion.ddim_levels(4, "trailing") == [99, 74, 49, 24]
+    assert diffusion.ddim_levels(16)[:2] == [90, 84]
+    assert diffusion.ddim_levels(100) == diffusion.ddim_levels(100, "trailing")
+
+
+def test_noise_drawn_before_gives_the_same_samples_row_by_row():
+    diffusion = Diffusion(10)
+    network = VelocityMLP(2, seed=0).double()
+    start, fresh = noise(6, 2), noise(9, 6, 2, seed=1)
+    all_rows = diffusion.ddpm(network, start, noise=fresh)
+    some = diffusion.ddpm(network, start[2:4], noise=fresh[:, 2:4])
+    assert torch.allclose(all_rows[2:4], some)
+    assert all_rows.abs().max() <= 1 + 1e-9  # the last step returns the clipped x1
+
+
+@pytest.mark.parametrize("clip", [None, 1.0])
+def test_against_diffusers(clip):
+    diffusers = pytest.importorskip("diffusers")
+    options = {
+        "num_train_timesteps": 100,
+        "beta_schedule": "squaredcos_cap_v2",
+        "clip_sample": clip is not None,
+    }
+    ours = Diffusion(100, clip=clip)
+    network = VelocityMLP(2, seed=0)
+    x0, fresh = noise(8, 2).float(), noise(99, 8, 2, seed=1).float()
+
+    for nfe, spacing in ((4, "leading"), (16, "leading"), (4, "trailing"), (100, "leading")):
+        judge = diffusers.DDIMScheduler(**options, timestep_spacing=spacing)
+        assert torch.allclose(judge.alphas_cumprod, ours.kept.float(), atol=1e-6)
+        judge.set_timesteps(nfe)
+        x = x0
+        for k in judge.timesteps:
+            x = judge.step(network(k / 100, x).detach(), k, x).prev_sample
+        assert torch.allclose(ours.ddim(network, x0, nfe=nfe, spacing=spacing), x, atol=2e-4)
+
+    judge = diffusers.DDPMScheduler(**options)
+    x = x0
+    for number, k in enumerate(reversed(range(100))):
+        if k:
+            spread = judge._get_variance(k).sqrt()
+        x = judge.step(network(k / 100, x).detach(), k, x).prev_sample
+        if k:
+            x = x + spread * fresh[number]
+    assert torch.allclose(ours.ddpm(network, x0, noise=fresh), x, atol=2e-4)
+
+
+@pytest.fixture(autouse=True)
+def _no_noise_in_the_judge(monkeypatch):
+    """diffusers' DDPM adds its own noise; here it adds zeros, and the test adds ours."""
+    try:
+        from diffusers.schedulers import scheduling_ddpm
+    except ImportError:
+        return
+    monkeypatch.setattr(
+        scheduling_ddpm, "randn_tensor", lambda shape, **options: torch.zeros(shape)
+    )
+
+
+def test_training_with_fit():
+    generator = torch.Generator().manual_seed(0)
+    data = Dataset(MEAN + DEVIATION * torch.randn(4000, 2, generator=generator))
+    diffusion = Diffusion(20)
+    network = fit(
+        VelocityMLP(2, width=64, seed=0),
+        data,
+        Independent(),
+        steps=500,
+        batch_size=128,
+        loss=diffusion.loss,
+        progress=False,
+    ).network
+    x = diffusion.ddpm(network, noise(4000, 2).float(), generator=generator)
+    assert torch.allclose(x.mean(dim=0), MEAN, atol=0.05)
+    assert torch.allclose(x.std(dim=0), DEVIATION, atol=0.09)
+
+
+def test_regression_learns_the_conditional_mean():
+    generator = torch.Generator().manual_seed(0)
+    c = torch.randint(2, (4000, 1), generator=generator).float()
+    data = Dataset(2 * c - 1 + 0.5 * torch.randn(4000, 1, generator=generator), c)
+    network = fit(
+        VelocityMLP(1, 1, width=32, seed=0),
+        data,
+        Independent(),
+        steps=300,
+        batch_size=128,
+        loss=regression_loss,
+        progress=False,
+    ).network
+    mean = predict(network, torch.randn(2, 1), torch.tensor([[0.0], [1.0]]))
+    assert torch.allclose(mean, torch.tensor([[-1.0], [1.0]]), atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Diffusion(1), "levels must be at least 2"),
+        (lambda: Diffusion(10, clip=0.0), "clip must be above 0 or None"),
+        (lambda: Diffusion(10).ddim_levels(11), "nfe must be at most the 10 levels"),
+        (lambda: Diffusion(10).ddim_levels(2, "even"), "spacing must be one of leading, trailing"),
+        (
+            lambda: Diffusion(10).ddpm(VelocityMLP(2), torch.zeros(3, 2), noise=torch.zeros(9, 2)),
+            r"noise must have shape \(9, 3, 2\)",
+        ),
+        (
+            lambda: Diffusion(10).ddim(VelocityMLP(2), torch.zeros(3, 2), torch.zeros(2, 1), nfe=2),
+            "c has 2 rows, x has 3",
+        ),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
