@@ -24,7 +24,7 @@ Single = NDArray[np.float32]
 SMALL_BATCH = 64  #: up to here SciPy is done before potentials would be
 EASY = 0.75  #: share of rows with a cheapest column of their own, above which SciPy is as fast
 TEMPERATURES = (0.1, 0.02)  #: of the Sinkhorn steps, in standard deviations of the cost
-STEPS = 10  #: at each temperature
+STEPS = (7, 10)  #: at each temperature, in small and in large batches
 RELAXATION = np.float32(1.4)  #: of the steps, in [1, 2) (Thibault 1711.01851)
 LEAST = np.float32(1e-12)  #: scalings stay in [1e-12, 1e12]: no power of them overflows
 UNDERFLOW = 100.0  #: exp(-100) is a number, exp(-1000) is not: beyond this, logarithms
@@ -69,7 +69,7 @@ def _potentials(cost: Single) -> tuple[Single, Single]:
         kernel *= 1 / temperature
         np.exp(kernel, out=kernel)
         u, v = np.ones((2, len(cost)), np.float32)
-        for _ in range(STEPS):
+        for _ in range(STEPS[len(cost) > 256]):
             _relax(u, kernel @ v)
             _relax(v, u @ kernel)
         np.divide(1, u @ kernel + LEAST, out=v)  # keeps the next kernel at most 1

@@ -15,7 +15,9 @@ from torch import Tensor
 from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
 
 MANY_DIMENSIONS = 32  #: from here on a matrix product is the faster way to distances
-LOST_DIGITS = 1e-6  #: share of |a|^2 + |b|^2 below which a distance is computed directly
+LOST_DIGITS = (
+    1e-6  #: share of the largest |a|^2 + |b|^2 below which distances are computed directly
+)
 
 
 @dataclass(frozen=True)
@@ -240,9 +242,11 @@ def squared_distances(first: Tensor, second: Tensor) -> NDArray[np.float64]:
         return distances
     centre = b.mean(axis=0)
     a, b = a - centre, b - centre
-    norms = (a * a).sum(axis=1)[:, None] + (b * b).sum(axis=1)
-    distances = norms - 2 * (a @ b.T)
-    rows, columns = np.nonzero(distances < LOST_DIGITS * norms)
+    norms_a, norms_b = (a * a).sum(axis=1), (b * b).sum(axis=1)
+    distances = (-2 * a) @ b.T
+    distances += norms_a[:, None]
+    distances += norms_b
+    rows, columns = np.nonzero(distances < LOST_DIGITS * (norms_a.max() + norms_b.max()))
     distances[rows, columns] = ((a[rows] - b[columns]) ** 2).sum(axis=1)
     return distances
 
