@@ -1,0 +1,256 @@
+"""The demonstrator of Push-T: plan a push, go round the T, push, plan again."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cotlearn.robots.experts.push_t import plan
+from cotlearn.robots.experts.push_t.pushes import Pushes, library, target_of_push
+from cotlearn.robots.experts.push_t.route import (
+    TURNS,
+    Routes,
+    clearance,
+    distance,
+    step_back,
+)
+from cotlearn.robots.push_t import MAX_STEPS, SIZE, SUCCESS, Simulation, corners, random_state
+from cotlearn.robots.push_t.task import AGENT_RADIUS, WALL_RADIUS, WALLS
+from cotlearn.validation import check_number
+
+Array = NDArray[np.float64]
+
+TEMPERATURE = (
+    2.0  #: steps; a side of the T that costs this much more than the best is e times rarer
+)
+WITHIN = 0.25  #: the temperature among pushes on one side, as a part of the temperature
+SLACK = 3.0  #: what costs more than this many temperatures more than the best is never chosen
+NOISE = 5.0  #: standard deviation of what is added to each coordinate of an action, pixels
+PIXEL = 1 / 32  #: actions are multiples of this, so that they can be stored exactly
+
+SPEED = 24.0  #: of the agent on its way, pixels a step, about
+_AHEAD = (48.0, 36.0, 24.0, 16.0, 8.0)  #: the target runs so far ahead of the agent if it is clear
+_GRAIN = 4.0  #: between points of a way, pixels
+_TOUCH = AGENT_RADIUS + 1.5
+_INSIDE = WALLS[0] + WALL_RADIUS, WALLS[1] - WALL_RADIUS  #: where walls leave room for the T
+
+
+@dataclass(frozen=True)
+class Options:
+    """The pushes among which the expert chooses at a state.
+
+    Attributes:
+        pushes: m of the library.
+        cost: (m,), steps to the goal: on the way, while pushing and after it.
+        probability: (m,).
+    """
+
+    pushes: Pushes
+    cost: Array
+    probability: Array
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A demonstration; row t of each array belongs to control step t.
+
+    Attributes:
+        state: (n, 5), before the action; the angle is not reduced to one turn.
+        action: (n, 2), what was done: the intention, plus noise, as a multiple of 1/32 pixel.
+        intention: (n, 2), what the expert meant, as a multiple of 1/32 pixel.
+        coverage: at the end.
+    """
+
+    state: Array
+    action: Array
+    intention: Array
+    coverage: float
+
+    @property
+    def success(self) -> bool:
+        """Whether the goal was reached."""
+        return self.coverage > SUCCESS
+
+
+class PushTExpert:
+    """Plans with the values of `plan`, and chooses by chance among pushes that are nearly as good.
+
+    The first one takes some 8 s for its library and its plan; they are kept in memory.
+
+    Args:
+        temperature: steps; 0 always takes the best push.
+        noise: standard deviation in pixels of what is added to the actions.
+    """
+
+    def __init__(self, *, temperature: float = TEMPERATURE, noise: float = NOISE) -> None:
+        self.temperature = check_number(temperature, "temperature")
+        self.noise = check_number(noise, "noise")
+        self.pushes = library()
+        self.value = plan.value()
+        starts, self._place = np.unique(self.pushes.start.round(6), axis=0, return_inverse=True)
+        self._place = self._place.ravel()
+        self._routes = Routes(starts)
+
+    def episode(self, seed: int) -> Episode:
+        """Demonstrates one episode.
+
+        Args:
+            seed: of the start, as in `env.reset(seed=seed)`, and of all choices.
+        """
+        world = Simulation(random_state(np.random.default_rng(seed)))
+        generator = np.random.default_rng([seed, 1])
+        states, actions, intentions = [], [], []
+        for target in self._targets(world, generator):
+            intention = _representable(target)
+            action = _representable(intention + self.noise * generator.standard_normal(2))
+            states.append(world.state)
+            actions.append(action)
+            intentions.append(intention)
+            world.step(*action.tolist())
+            if world.coverage > SUCCESS or len(states) == MAX_STEPS:
+                break
+        return Episode(np.array(states), np.array(actions), np.array(intentions), world.coverage)
+
+    def options(self, state: ArrayLike) -> Options:
+        """The pushes that may be chosen at a state (5,), and how likely each is."""
+        chosen, cost, probability, _ = self._options(np.asarray(state, dtype=np.float64))
+        return Options(self.pushes[chosen], cost, probability)
+
+    def first_sides(self, state: ArrayLike) -> Array:
+        """(8,), the probability that the next push is on each side of the T: the expert's modes."""
+        options = self.options(state)
+        return np.bincount(options.pushes.side, options.probability, minlength=8).astype(float)
+
+    def _options(self, state: Array) -> tuple[NDArray[np.int64], Array, Array, list[Array]]:
+        pose = state[2:]
+        relative = plan.relative_pose(pose)
+        future = plan.after(relative, self.pushes)
+        value = self.value(future)
+        value[plan.reached(future)] = 0.0
+        turns = corners(pose, TURNS)
+        agent = step_back(_to_body(state[:2], pose))
+        usable = np.all((turns > 0) & (turns < SIZE), axis=1)
+        lengths, found = self._routes.lengths(agent, usable)
+        cost = lengths[self._place] / SPEED + self.pushes.steps + value
+        order = np.argsort(cost, kind="stable")
+        near = order[cost[order] < cost[order[0]] + 25.0]
+        near = near[self._possible(near, pose, future[near])] if len(near) else order[:1]
+        near = near if len(near) else order[:1]
+        probability = _softmax_by_side(cost[near], self.pushes.side[near], self.temperature)
+        kept = probability > 0
+        return near[kept], cost[near][kept], probability[kept], found
+
+    def _possible(self, rows: NDArray[np.int64], pose: Array, future: Array) -> NDArray[np.bool_]:
+        """Whether the agent stays in the world and the T clear of the walls."""
+        pushes = self.pushes[rows]
+        ends = np.stack([pushes.start, pushes.start + pushes.length[:, None] * pushes.direction])
+        places = corners(pose, ends.reshape(-1, 2)).reshape(ends.shape)
+        agent = ((places > 4) & (places < SIZE - 4)).all(axis=(0, 2))
+        out_now = _out_of_walls(pose[None])[0]
+        return agent & (_out_of_walls(plan.world_pose(future)) <= max(out_now, 0.0))
+
+    def _targets(
+        self, world: Simulation, generator: np.random.Generator
+    ) -> Generator[Array, None, None]:
+        while True:
+            state = np.array(world.state)
+            rows, _, probability, found = self._options(state)
+            row = int(generator.choice(rows, p=probability))
+            pose = state[2:]
+            start = self.pushes.start[row]
+            agent = _to_body(state[:2], pose)
+            turns = self._routes.way(int(self._place[row]), found)
+            way = np.vstack([agent, step_back(agent), turns, start])
+            length = float(self.pushes.length[row])
+            arrived = yield from _travel(world, corners(pose, way), min(max(0.15 * length, 3), 6))
+            if arrived:
+                direction = corners((0, 0, pose[2]), self.pushes.direction[row][None])[0]
+                yield from _push(world, corners(pose, start[None])[0], direction, length)
+
+
+def _softmax_by_side(cost: Array, side: NDArray[np.int64], temperature: float) -> Array:
+    """First a side of the T by its best push, then a push on that side.
+
+    Sides differ in what the demonstration looks like; the many pushes on one side hardly do, and
+    must not outvote another side by their number.
+    """
+    if temperature == 0:
+        return (np.arange(len(cost)) == cost.argmin()).astype(np.float64)
+    best = np.full(8, np.inf)
+    np.minimum.at(best, side, cost)
+    of_side = _softmax(best, temperature)
+    probability = np.zeros(len(cost))
+    for number in np.flatnonzero(of_side):
+        rows = side == number
+        probability[rows] = of_side[number] * _softmax(cost[rows], WITHIN * temperature)
+    return probability / probability.sum()
+
+
+def _softmax(cost: Array, temperature: float) -> Array:
+    extra = (cost - cost.min()) / temperature
+    weight = np.where(extra <= SLACK, np.exp(-extra), 0.0)
+    return weight / weight.sum()
+
+
+def _travel(world: Simulation, way: Array, tolerance: float) -> Generator[Array, None, bool]:
+    """Pure pursuit along a way in the world; returns whether its end was reached undisturbed."""
+    before = np.array(world.state[2:])
+    points = _fine(way)
+    here = 0
+    for _ in range(80):
+        state = np.array(world.state)
+        pose, agent = state[2:], state[:2]
+        if np.abs(pose - before)[:2].max() > 2 or abs(pose[2] - before[2]) > 0.03:
+            return False
+        window = points[here : here + 16]
+        here += int(((window - agent) ** 2).sum(axis=1).argmin())
+        if np.hypot(*(agent - points[-1])) < tolerance:
+            return True
+        ahead = np.minimum(here + (np.array(_AHEAD) / _GRAIN).astype(int), len(points) - 1)
+        candidates = _to_body(points[ahead], pose)
+        body = _to_body(agent, pose)
+        needed = min(_TOUCH, distance(body[None])[0] - 0.5)
+        clear = clearance(np.tile(body, (len(ahead), 1)), candidates) >= needed
+        yield points[ahead[int(clear.argmax()) if clear.any() else -1]]
+    return False
+
+
+def _push(
+    world: Simulation, start: Array, direction: Array, length: float
+) -> Generator[Array, None, None]:
+    for _ in range(30):
+        target = target_of_push(start, direction, length, np.array(world.state[:2]))
+        if target is None:
+            return
+        yield target
+
+
+def _fine(way: Array) -> Array:
+    """Points along a way, `_GRAIN` apart."""
+    pieces = [way[:1]]
+    for a, b in itertools.pairwise(way):
+        count = max(1, math.ceil(float(np.hypot(*(b - a))) / _GRAIN))
+        pieces.append(a + (b - a) * (np.arange(1, count + 1) / count)[:, None])
+    return np.concatenate(pieces)
+
+
+def _to_body(points: Array, pose: Array) -> Array:
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy = points[..., 0] - pose[0], points[..., 1] - pose[1]
+    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx], axis=-1)
+
+
+def _out_of_walls(pose: Array) -> Array:
+    """(n,), by how many pixels the T reaches into a wall; negative inside the walls."""
+    points = corners(pose)
+    return np.maximum(_INSIDE[0] - points, points - _INSIDE[1]).max(axis=(1, 2))
+
+
+def _representable(target: Array) -> Array:
+    clipped = np.clip(target, 0.0, SIZE)
+    return np.rint(clipped / PIXEL) * PIXEL

@@ -1,0 +1,131 @@
+"""A library of straight pushes, each with what it does to the T.
+
+Without friction and memory, a push seen in the frame of the T does not depend on where the T is. So
+each push is simulated once. Pushes from the left are the mirror images of those from the right.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cotlearn.robots.experts.push_t.route import distance
+from cotlearn.robots.push_t import AGENT_RADIUS, Simulation, corners
+from cotlearn.robots.push_t.task import CENTRE_OF_GRAVITY, OUTLINE
+
+Array = NDArray[np.float64]
+
+GAP = 4.0  #: between agent and T before a push, pixels
+SPACING = 4.0  #: between starts along a side of the T, pixels
+ANGLES = np.radians([-50.0, -32.0, -16.0, 0.0, 16.0, 32.0, 50.0])  #: to the side's normal
+LENGTHS = (6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 26.0, 34.0, 44.0, 56.0, 72.0, 92.0, 120.0)
+AHEAD = 28.0  #: the target runs this far ahead of the agent while it pushes, pixels
+CLOSE = 1.5  #: a push is over this close to its end, pixels
+MOST_STEPS = 30
+
+_MIDDLE = np.array(CENTRE_OF_GRAVITY)
+
+
+@dataclass(frozen=True)
+class Pushes:
+    """m pushes in the frame of the T.
+
+    Attributes:
+        start: (m, 2), where the agent is at rest before the push.
+        direction: (m, 2), unit vectors.
+        length: (m,), from the start to the end of the push.
+        shift: (m, 2), by which the T's centre of gravity moves, in the frame before the push.
+        turn: (m,), by which the T turns.
+        steps: (m,), control steps.
+        side: (m,), the side of the outline that is touched, 0 to 7.
+    """
+
+    start: Array
+    direction: Array
+    length: Array
+    shift: Array
+    turn: Array
+    steps: Array
+    side: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.length)
+
+    def __getitem__(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Pushes:
+        return Pushes(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
+def target_of_push(start: Array, direction: Array, length: float, agent: Array) -> Array | None:
+    """Where to pull the agent during a push; None when the push is over."""
+    done = float((agent - start) @ direction)
+    if done > length - CLOSE:
+        return None
+    return start + min(done + AHEAD, length) * direction
+
+
+@functools.lru_cache(maxsize=1)
+def library() -> Pushes:
+    """All pushes, from simulations (2 s)."""
+    rows = []
+    for start, normal, side in _starts():
+        for angle in ANGLES:
+            cos, sin = math.cos(angle), math.sin(angle)
+            direction = np.array(
+                [cos * normal[0] - sin * normal[1], sin * normal[0] + cos * normal[1]]
+            )
+            for length in LENGTHS:
+                shift, turn, steps = _simulate(start, direction, length)
+                if abs(shift).sum() + 40 * abs(turn) > 0.3:
+                    rows.append((*start, *direction, length, *shift, turn, steps, side))
+    table = np.array(rows)
+    mirrored = table.copy()
+    mirrored[:, [0, 2, 5, 7]] *= -1
+    mirrored[:, 9] = np.array(_MIRRORED_SIDE)[table[:, 9].astype(int)]
+    table = np.concatenate([table, mirrored[table[:, 0] > 0]])
+    return Pushes(
+        start=table[:, 0:2],
+        direction=table[:, 2:4],
+        length=table[:, 4],
+        shift=table[:, 5:7],
+        turn=table[:, 7],
+        steps=table[:, 8],
+        side=table[:, 9].astype(np.int64),
+    )
+
+
+_MIRRORED_SIDE = (0, 7, 6, 5, 4, 3, 2, 1)  # sides are numbered round the T, from the bar's edge
+
+
+def _starts() -> list[tuple[Array, Array, int]]:
+    """Places on the right half beside the T, with the direction straight at it and the side."""
+    found = []
+    outline = np.array(OUTLINE)
+    for side, (a, b) in enumerate(zip(outline, np.roll(outline, -1, axis=0), strict=True)):
+        span = float(np.linalg.norm(b - a))
+        along = (b - a) / span
+        normal = np.array([-along[1], along[0]])  # to the inside
+        count = round(span / SPACING)
+        for place in (np.arange(count) + 0.5) * span / count:
+            start = a + place * along - (AGENT_RADIUS + GAP) * normal
+            if start[0] >= 0 and distance(start[None])[0] > AGENT_RADIUS + GAP - 0.01:
+                found.append((start, normal, side))
+    return found
+
+
+def _simulate(start: Array, direction: Array, length: float) -> tuple[Array, float, int]:
+    here = np.array([256.0, 256.0])
+    world = Simulation([*(here + start), *here, 0.0])
+    middle = here + _MIDDLE
+    steps = 0
+    while steps < MOST_STEPS:
+        target = target_of_push(here + start, direction, length, np.array(world.state[:2]))
+        if target is None:
+            break
+        world.step(*target.tolist())
+        steps += 1
+    pose = world.state[2:]
+    return corners(pose, [_MIDDLE])[0] - middle, pose[2], steps

@@ -1,0 +1,135 @@
+"""Ways round the T for the agent: clearances and a visibility graph, all in the frame of the T."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cotlearn.robots.push_t.task import AGENT_RADIUS, OUTLINE, RECTANGLES
+
+Array = NDArray[np.float64]
+
+CLEAR = AGENT_RADIUS + 3.0  #: a way keeps this far from the T, centre of the agent to the T
+_MARGIN = AGENT_RADIUS + 5.0  #: of the turning points
+
+#: Shortest ways turn only at the six outer corners of the T.
+TURNS = np.array(
+    [
+        (-60 - _MARGIN, -_MARGIN),
+        (60 + _MARGIN, -_MARGIN),
+        (60 + _MARGIN, 30 + _MARGIN),
+        (15 + _MARGIN, 120 + _MARGIN),
+        (-15 - _MARGIN, 120 + _MARGIN),
+        (-60 - _MARGIN, 30 + _MARGIN),
+    ]
+)
+_CORNERS = np.array(OUTLINE)
+_AROUND = np.array([(math.cos(a), math.sin(a)) for a in np.arange(24) * (2 * math.pi / 24)])
+
+
+def distance(points: Array) -> Array:
+    """(n,), distance of points (n, 2) from the T; 0 inside."""
+    x, y = points[:, 0], points[:, 1]
+    boxes = []
+    for x0, x1, y0, y1 in RECTANGLES:
+        dx = np.maximum(np.maximum(x0 - x, x - x1), 0.0)
+        dy = np.maximum(np.maximum(y0 - y, y - y1), 0.0)
+        boxes.append(np.hypot(dx, dy))
+    return np.minimum(*boxes)
+
+
+def clearance(a: Array, b: Array) -> Array:
+    """(n,), distance of the segments from a to b, (n, 2) each, from the T; 0 if they cross it."""
+    way = b - a
+    squared = np.maximum((way**2).sum(axis=1), 1e-12)
+    to_corner = _CORNERS[:, None] - a
+    share = np.clip((to_corner * way).sum(axis=2) / squared, 0.0, 1.0)
+    nearest = np.linalg.norm(to_corner - share[..., None] * way, axis=2).min(axis=0)
+    nearest = np.minimum(nearest, np.minimum(distance(a), distance(b)))
+    return np.where(_crosses(a, way), 0.0, nearest)
+
+
+def _crosses(a: Array, way: Array) -> NDArray[np.bool_]:
+    with np.errstate(divide="ignore"):
+        inverse = 1.0 / np.where(way == 0, 1e-300, way)
+    crossing = np.zeros(len(a), dtype=bool)
+    for x0, x1, y0, y1 in RECTANGLES:
+        first = (np.array([x0, y0]) - a) * inverse
+        second = (np.array([x1, y1]) - a) * inverse
+        enter = np.minimum(first, second).max(axis=1)
+        leave = np.maximum(first, second).min(axis=1)
+        crossing |= (enter <= leave) & (leave >= 0) & (enter <= 1)
+    return crossing
+
+
+def step_back(agent: Array) -> Array:
+    """The nearest place, about, from which ways can begin: `agent` itself if it is clear."""
+    if distance(agent[None])[0] >= CLEAR + 0.5:
+        return agent
+    for reach in (3.0, 6.0, 10.0, 16.0, 24.0, 40.0, 70.0):
+        places = agent + reach * _AROUND
+        free = distance(places)
+        if free.max() >= CLEAR + 0.5:
+            return places[int(free.argmax())]
+    return agent
+
+
+class Routes:
+    """Shortest ways round the T to a fixed set of places.
+
+    Args:
+        places: (s, 2), at least `CLEAR` from the T.
+    """
+
+    def __init__(self, places: Array) -> None:
+        self.places = places
+        self._between = _legs(TURNS, TURNS)  # (6, 6)
+        self._last = _legs(TURNS, places)  # (6, s)
+
+    def lengths(self, agent: Array, usable: NDArray[np.bool_]) -> tuple[Array, list[Array]]:
+        """Lengths of the shortest ways from `agent` to all places, inf where there is none.
+
+        Args:
+            agent: (2,), clear of the T.
+            usable: (6,), which turning points lie in the world.
+
+        Returns:
+            (s,), and what `way` needs to find the way itself.
+        """
+        between = np.where(usable[:, None] & usable, self._between, np.inf)
+        np.fill_diagonal(between, 0.0)
+        for turn in range(len(TURNS)):  # Floyd and Warshall
+            between = np.minimum(between, between[:, turn, None] + between[turn])
+        last = np.where(usable[:, None], self._last, np.inf)
+        first = np.where(usable, _legs(agent[None], TURNS)[0], np.inf)
+        direct = _legs(agent[None], self.places)[0]
+        reach = (first[:, None] + between).min(axis=0)  # from the agent to each turn
+        total = np.minimum(direct, (reach[:, None] + last).min(axis=0))
+        return total, [first, between, reach, last, direct]
+
+    def way(self, place: int, found: list[Array]) -> Array:
+        """(k, 2), the turning points between the agent and a place, for what `lengths` found."""
+        first, between, reach, last, direct = found
+        through = reach + last[:, place]
+        if direct[place] <= through.min():
+            return np.empty((0, 2))
+        turns = [int(through.argmin())]
+        goal = turns[0]
+        here = int((first + between[:, goal]).argmin())
+        path = [here]
+        while here != goal:
+            onward = self._between[here] + between[:, goal]
+            onward[here] = np.inf
+            here = int(onward.argmin())
+            path.append(here)
+        return TURNS[path]
+
+
+def _legs(a: Array, b: Array) -> Array:
+    """(n, m), lengths of the straight ways from a (n, 2) to b (m, 2) that are clear; else inf."""
+    starts, ends = np.repeat(a, len(b), axis=0), np.tile(b, (len(a), 1))
+    length = np.linalg.norm(ends - starts, axis=1)
+    # 0.01: places at the very limit count as clear
+    return np.where(clearance(starts, ends) >= CLEAR - 0.01, length, np.inf).reshape(len(a), len(b))
