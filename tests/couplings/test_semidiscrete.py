@@ -16,6 +16,9 @@ from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import prior_skew
 from cotlearn.storage import load_tensors, save_tensors
 
+# Many tests fit for a few steps only: what they ask does not need more.
+pytestmark = pytest.mark.filterwarnings("ignore:the potential has not converged")
+
 
 def seeded(seed=0):
     return torch.Generator().manual_seed(seed)
@@ -305,3 +308,57 @@ def test_a_potential_that_has_not_converged_says_so():
     x1 = 3 * torch.randn(2000, 2, generator=torch.Generator().manual_seed(0))
     with pytest.warns(RuntimeWarning, match="raise iterations above 3"):
         SemidiscreteOT(iterations=3, batch_size=16).fit(x1, progress=False)
+
+
+@pytest.mark.parametrize("name", ["petals", "petals given c", "moving modes", "32 dimensions"])
+def test_the_default_fit_comes_near_the_floor(name):
+    """With 200 draws a row even an exact fit to them would be some 0.03 away."""
+    if name == "32 dimensions":
+        g = seeded(1)
+        centres = 1.5 * torch.randn(8, 32, generator=g)
+        x1 = centres[torch.arange(500) % 8] + 0.5 * torch.randn(500, 32, generator=g)
+        coupling = SemidiscreteOT().fit(x1, progress=False)
+    else:
+        data = mixtures.moving_modes() if name == "moving modes" else mixtures.petals()
+        x1, c = data.sample(500, generator=seeded(1))
+        weight = 0.0 if name == "petals" else 300.0
+        coupling = SemidiscreteOT(weight).fit(x1, c, progress=False)
+    above_floor = coupling.marginal_error**2 - coupling.marginal_floor**2
+    assert math.sqrt(max(0.0, above_floor)) < 0.08
+
+
+def test_the_default_effort_grows_with_the_rows_and_stays_within_bounds():
+    def effort(n, clusters=1, **options):
+        coupling = SemidiscreteOT(**options)
+        coupling._x1 = torch.zeros(n, 1)
+        coupling._groups = list(torch.arange(n).chunk(clusters))
+        return coupling._effort()
+
+    for n in (2000, 8000, 20_000):
+        iterations, batch_size = effort(n)
+        assert iterations * batch_size == pytest.approx(200 * n, rel=0.01)
+    assert effort(24) == (500, 64)
+    assert effort(10**6)[1] == 4096
+    iterations, batch_size = effort(100_000)  # 200 draws a row would be 2e12 heights
+    assert iterations * batch_size * 100_000 == pytest.approx(1e11, rel=0.01)
+    iterations, batch_size = effort(100_000, clusters=64)
+    assert iterations * batch_size == pytest.approx(200 * 100_000, rel=0.01)
+    assert effort(2000, iterations=7, batch_size=9) == (7, 9)
+
+
+def test_the_last_step_follows_the_spacing_of_the_rows():
+    """Rows ten times as dense: steps that are as much smaller. Duplicates do not count."""
+    x1 = torch.randn(300, 2, generator=seeded())
+    steps = {}
+    for name, rows in {"far": x1, "near": x1 / 10, "twice": x1.repeat(2, 1)}.items():
+        coupling = SemidiscreteOT()
+        coupling._prepare(rows, None)
+        steps[name] = coupling._steps(None)
+        assert 0 < steps[name][1] < steps[name][0]
+    assert steps["near"][1] == pytest.approx(steps["far"][1] / 10, rel=0.3)
+    assert steps["twice"][1] == pytest.approx(steps["far"][1], rel=0.5)
+
+
+def test_a_batch_larger_than_the_data_is_stable(data):
+    coupling = SemidiscreteOT(iterations=800, batch_size=2000).fit(data.x1, progress=False)
+    assert coupling.marginal_error < coupling.marginal_floor + 0.02
