@@ -1,0 +1,20 @@
+"""Demonstrations of Push-T: read and check them, split them, cut them into windows, exchange them.
+
+``read(path)`` takes this course's `.npz`, Diffusion Policy's zarr and LeRobot's parquet layout.
+"""
+
+from cotlearn.robots.episodes.checked import Episodes, split
+from cotlearn.robots.episodes.lerobot import read_lerobot, write_lerobot
+from cotlearn.robots.episodes.replay import read_replay_buffer
+from cotlearn.robots.episodes.store import read
+from cotlearn.robots.episodes.windows import Windows
+
+__all__ = [
+    "Episodes",
+    "Windows",
+    "read",
+    "read_lerobot",
+    "read_replay_buffer",
+    "split",
+    "write_lerobot",
+]

@@ -1,0 +1,228 @@
+"""LeRobot's layout of Push-T: parquet tables, one row a frame, and JSON that describes them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cotlearn.robots.episodes.checked import Array, Episodes, need
+from cotlearn.robots.push_t.geometry import corners, coverage
+from cotlearn.robots.push_t.task import CONTROL_SECONDS, KEYPOINTS, SUCCESS
+from cotlearn.storage import atomic_path
+
+AGENT, BLOCK, ACTION = "observation.state", "observation.environment_state", "action"
+EPISODE, FRAME = "episode_index", "frame_index"
+TASK = "Push the T-shaped block onto the T-shaped target."
+RIGID = 2.0  #: pixels by which key points may miss a rigid T
+_FPS = round(1 / CONTROL_SECONDS)
+_PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+_FIRST = "chunk-000/file-000.parquet"
+
+
+def read_lerobot(path: str | Path) -> Episodes:
+    """Reads a LeRobot data set of Push-T with key points, such as lerobot/pusht_keypoints.
+
+    All layouts so far (one parquet file for all episodes, for each, or for some) are read: the
+    tables under data/ are put together and sorted by episode and frame. The pose of the T is found
+    from its key points; a data set of images alone has none.
+
+    Args:
+        path: the folder that holds data/ and meta/.
+
+    Raises:
+        ModuleNotFoundError: pyarrow is not installed.
+        ValueError: a file is damaged, or a column is missing or does not fit.
+    """
+    path = Path(path)
+    files = sorted(path.glob("data/**/*.parquet"))
+    if not files:
+        raise ValueError(f"{path} holds no data/**/*.parquet: it is no LeRobot data set")
+    parts = [_read_table(file) for file in files]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    order = np.lexsort((columns[FRAME], columns[EPISODE]))
+    columns = {name: values[order] for name, values in columns.items()}
+    episode = columns[EPISODE]
+    ends = np.append(np.flatnonzero(np.diff(episode)) + 1, len(episode))
+    starts = np.concatenate([[0], ends[:-1]])
+    frames = np.arange(len(episode)) - np.repeat(starts, ends - starts)
+    if (wrong := columns[FRAME] != frames).any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise ValueError(
+            f"{path}: frames of episode {episode[row]} are missing or double: frame "
+            f"{columns[FRAME][row]} follows where {frames[row]} should"
+        )
+    pose, miss = pose_of(columns[BLOCK].reshape(-1, len(KEYPOINTS), 2))
+    if not (miss <= RIGID).all():
+        row = int(np.flatnonzero(~(miss <= RIGID))[0])
+        raise ValueError(
+            f"{path}: the key points of frame {frames[row]} of episode {episode[row]} are no T of "
+            f"this size: they miss it by {miss[row]:.3g} pixels"
+        )
+    return Episodes(np.hstack([columns[AGENT], pose]), columns[ACTION], ends, name=path.name)
+
+
+def pose_of(points: Array) -> tuple[Array, Array]:
+    """The pose (n, 3) whose key points are nearest to points (n, 8, 2), and the largest miss (n,).
+
+    Least squares over rotations and translations (Kabsch in the plane).
+    """
+    own = np.array(KEYPOINTS)
+    middle, own_middle = points.mean(axis=1), own.mean(axis=0)
+    there, here = points - middle[:, None], own - own_middle
+    along = (there * here).sum(axis=(1, 2))
+    across = (here[:, 0] * there[..., 1] - here[:, 1] * there[..., 0]).sum(axis=1)
+    angle = np.arctan2(across, along)
+    cos, sin = np.cos(angle), np.sin(angle)
+    turned = np.stack(
+        [cos * own_middle[0] - sin * own_middle[1], sin * own_middle[0] + cos * own_middle[1]],
+        axis=1,
+    )
+    pose = np.column_stack([middle - turned, angle])
+    miss = np.linalg.norm(corners(pose, points=KEYPOINTS) - points, axis=2).max(axis=1)
+    return pose, miss
+
+
+def write_lerobot(path: str | Path, episodes: Episodes) -> Path:
+    """Writes episodes in LeRobot's layout (version 3.0) with key points as observations.
+
+    Args:
+        path: a folder that does not exist or is empty.
+        episodes: any.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ModuleNotFoundError: pyarrow is not installed.
+        ValueError: the folder holds something already.
+    """
+    path = Path(path)
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise ValueError(f"path must be an empty folder, but {path} holds something")
+    columns = _columns(episodes)
+    _write_table(path / "data" / _FIRST, columns)
+    lengths = episodes.lengths
+    zeros = np.zeros(len(episodes), dtype=np.int64)
+    about: dict[str, Any] = {
+        "episode_index": np.arange(len(episodes)),
+        "tasks": [[TASK]] * len(episodes),
+        "length": lengths,
+        "dataset_from_index": episodes.starts,
+        "dataset_to_index": episodes.ends,
+        "data/chunk_index": zeros,
+        "data/file_index": zeros,
+        "meta/episodes/chunk_index": zeros,
+        "meta/episodes/file_index": zeros,
+    }
+    bounds = list(zip(episodes.starts, episodes.ends, strict=True))
+    for name, values in columns.items():
+        each = [_statistics(values[first:last]) for first, last in bounds]
+        about |= {f"stats/{name}/{key}": [stats[key] for stats in each] for key in each[0]}
+    _write_table(path / "meta" / "episodes" / _FIRST, about)
+    _write_table(path / "meta" / "tasks.parquet", {"task_index": [0], "task": [TASK]}, index="task")
+    stats = {name: _statistics(values) for name, values in columns.items()}
+    _write_json(path / "meta" / "stats.json", stats)
+    _write_json(path / "meta" / "info.json", _info(episodes, columns))
+    return path
+
+
+def _columns(episodes: Episodes) -> dict[str, NDArray[Any]]:
+    """The table of the frames."""
+    frame = np.arange(len(episodes.state)) - np.repeat(episodes.starts, episodes.lengths)
+    points = corners(episodes.state[:, 2:], points=KEYPOINTS).reshape(len(frame), -1)
+    covered = coverage(episodes.state[:, 2:])
+    after = np.append(covered[1:], covered[-1])  # of the state that follows, where there is one
+    after[episodes.ends - 1] = covered[episodes.ends - 1]
+    last = np.zeros(len(frame), dtype=bool)
+    last[episodes.ends - 1] = True
+    return {
+        AGENT: episodes.state[:, :2].astype(np.float32),
+        BLOCK: points.astype(np.float32),
+        ACTION: episodes.action.astype(np.float32),
+        "next.reward": np.clip(after / SUCCESS, 0, 1).astype(np.float32),
+        "next.done": last,
+        EPISODE: np.repeat(np.arange(len(episodes)), episodes.lengths),
+        FRAME: frame,
+        "timestamp": (frame * CONTROL_SECONDS).astype(np.float32),
+        "index": np.arange(len(frame)),
+        "task_index": np.zeros(len(frame), dtype=np.int64),
+    }
+
+
+def _info(episodes: Episodes, columns: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    def feature(values: NDArray[Any]) -> dict[str, Any]:
+        shape = list(values.shape[1:]) or [1]
+        return {"dtype": str(values.dtype), "shape": shape, "names": None}
+
+    return {
+        "codebase_version": "v3.0",
+        "robot_type": "2d pointer",
+        "total_episodes": len(episodes),
+        "total_frames": len(episodes.state),
+        "total_tasks": 1,
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 500,
+        "fps": _FPS,
+        "splits": {"train": f"0:{len(episodes)}"},
+        "data_path": f"data/{_PATH}",
+        "video_path": None,
+        "features": {name: feature(values) for name, values in columns.items()},
+    }
+
+
+def _statistics(values: NDArray[Any]) -> dict[str, Any]:
+    numbers = values.reshape(len(values), -1).astype(np.float64)
+    each = {name: getattr(numbers, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")}
+    return {**each, "count": [len(numbers)]}
+
+
+def _read_table(file: Path) -> dict[str, NDArray[Any]]:
+    pyarrow, parquet = need("pyarrow"), need("pyarrow.parquet")
+    wanted = {AGENT: 2, BLOCK: 2 * len(KEYPOINTS), ACTION: 2, EPISODE: 0, FRAME: 0}
+    try:
+        names = parquet.read_schema(file).names
+        missing = [name for name in wanted if name not in names]
+        if missing:
+            hint = "; the pose of the T is needed" if BLOCK in missing else ""
+            raise ValueError(f"{file} has no column {', '.join(missing)}{hint}; it has {names}")
+        table = parquet.read_table(file, columns=list(wanted))
+    except (pyarrow.ArrowInvalid, OSError) as error:
+        raise ValueError(f"{file} is damaged or not a parquet file: {error}") from error
+    columns = {}
+    for name, width in wanted.items():
+        values = np.array(table[name].to_pylist() if width else table[name].to_numpy())
+        if width and values.shape != (table.num_rows, width) and table.num_rows:
+            raise ValueError(
+                f"{file}: {name} must have {width} numbers a frame, got {values.shape[1:]}"
+            )
+        columns[name] = values
+    return columns
+
+
+def _write_table(file: Path, columns: dict[str, Any], index: str | None = None) -> None:
+    pyarrow, parquet = need("pyarrow"), need("pyarrow.parquet")
+    table = pyarrow.table({name: _listed(values) for name, values in columns.items()})
+    if index is not None:  # what pandas needs to know to make that column its index
+        pandas = {"index_columns": [index], "column_indexes": [], "columns": []}
+        table = table.replace_schema_metadata({"pandas": json.dumps(pandas)})
+    with atomic_path(file) as temporary:
+        parquet.write_table(table, temporary)
+
+
+def _listed(values: Any) -> Any:
+    """Matrices as lists of rows, in their own type."""
+    if isinstance(values, np.ndarray) and values.ndim == 2:
+        pyarrow = need("pyarrow")
+        flat = pyarrow.array(values.reshape(-1))
+        return pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+    return values
+
+
+def _write_json(file: Path, value: Any) -> None:
+    with atomic_path(file) as temporary:
+        temporary.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8")
