@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from cotlearn.couplings.augmenting import assign
+from cotlearn.couplings.threads import one_blas_thread
 from cotlearn.validation import check_number
 
 Array = NDArray[np.float64]
@@ -63,19 +64,27 @@ def _potentials(cost: Single) -> tuple[Single, Single]:
     """Nearly optimal dual potentials of a cost in units of its spread, by Sinkhorn steps."""
     kernel = np.empty_like(cost)
     rows, columns = np.zeros((2, len(cost)), np.float32)
-    for temperature in np.array(TEMPERATURES, np.float32):
-        np.subtract(columns, cost, out=kernel)
-        kernel += rows[:, None]
-        kernel *= 1 / temperature
-        np.exp(kernel, out=kernel)
-        u, v = np.ones((2, len(cost)), np.float32)
-        for _ in range(STEPS[len(cost) > 256]):
-            _relax(u, kernel @ v)
-            _relax(v, u @ kernel)
-        np.divide(1, u @ kernel + LEAST, out=v)  # keeps the next kernel at most 1
-        rows += temperature * np.log(u)
-        columns += temperature * np.log(v)
+    with one_blas_thread():
+        for temperature in np.array(TEMPERATURES, np.float32):
+            _anneal(cost, rows, columns, temperature, kernel)
     return rows, columns
+
+
+def _anneal(
+    cost: Single, rows: Single, columns: Single, temperature: np.float32, kernel: Single
+) -> None:
+    """Improve the potentials in place by the Sinkhorn steps of one temperature."""
+    np.subtract(columns, cost, out=kernel)
+    kernel += rows[:, None]
+    kernel *= 1 / temperature
+    np.exp(kernel, out=kernel)
+    u, v = np.ones((2, len(cost)), np.float32)
+    for _ in range(STEPS[len(cost) > 256]):
+        _relax(u, kernel @ v)
+        _relax(v, u @ kernel)
+    np.divide(1, u @ kernel + LEAST, out=v)  # keeps the next kernel at most 1
+    rows += temperature * np.log(u)
+    columns += temperature * np.log(v)
 
 
 def _relax(scaling: Single, product: Single) -> None:

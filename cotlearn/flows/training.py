@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from cotlearn.couplings.base import Coupling, Sampler, Source, generator_for
-from cotlearn.flows.ahead import running_ahead
+from cotlearn.flows.ahead import has_spare_core, running_ahead
 from cotlearn.flows.matching import Loss, conditional_flow_matching_loss, weighted_mean
 from cotlearn.progress import progress_bar
 from cotlearn.storage import load_tensors, save_tensors
@@ -102,7 +102,8 @@ def fit(
     The network that is passed in stays as it is, so that several couplings can start from the same
     weights. All randomness derives from (seed, step): the same call gives the same numbers on one
     machine, interrupted or not. Pairs are prepared in the background while the network trains,
-    unless the coupling looks at the network.
+    if a core is free for that (`torch.set_num_threads` below the number of cores, or training on a
+    GPU) and the coupling does not look at the network.
 
     Args:
         network: any module that `loss` can call; with the default loss network(t, x, c) -> (B, d).
@@ -157,7 +158,8 @@ def fit(
         start=state.step,
     )
     bar = progress_bar(total=steps, initial=state.step, what=coupling.name, show=progress)
-    ahead = coupling.solves and not coupling.uses_network
+    on_gpu = device.type != "cpu"  # then the CPU waits
+    ahead = coupling.solves and not coupling.uses_network and (on_gpu or has_spare_core())
     batches: Any = running_ahead(stream) if ahead else stream
     with bar, contextlib.closing(batches), _interrupt_between_steps() as interrupted:
         while state.step < steps:

@@ -1,12 +1,14 @@
 """Items prepared in the background: the same, in order, errors in place, and the thread ends."""
 
 import itertools
+import os
 import threading
 import time
 
 import pytest
+import torch
 
-from cotlearn.flows.ahead import running_ahead
+from cotlearn.flows.ahead import has_spare_core, running_ahead
 
 THREAD = "cotlearn-pairs"
 
@@ -133,3 +135,10 @@ def test_bad_input(ahead, error):
     """0 would be a queue without an end: an endless iterator would fill the memory."""
     with pytest.raises(error, match="ahead must be"):
         next(running_ahead(itertools.count(), ahead=ahead))
+
+
+def test_a_core_is_spare_only_where_torch_leaves_one(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1}, raising=False)
+    for threads, spare in ((1, True), (2, False), (3, False)):
+        monkeypatch.setattr(torch, "get_num_threads", lambda threads=threads: threads)
+        assert has_spare_core() is spare
