@@ -154,7 +154,7 @@ def read(path: str | Path) -> tuple[Arrays, dict[str, Any]]:
     if not path.is_file():
         raise FileNotFoundError(f"no such file: {path}")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in _LAYOUT}
             record = json.loads(str(file["about"]))
         about, digest = dict(record["about"]), record["sha256"]

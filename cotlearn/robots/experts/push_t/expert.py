@@ -136,11 +136,13 @@ class PushTExpert:
         agent = step_back(_to_body(state[:2], pose))
         usable = np.all((turns > 0) & (turns < SIZE), axis=1)
         lengths, found = self._routes.lengths(agent, usable)
+        if np.isinf(lengths).all():  # shut in between the T and a wall: straight through
+            lengths = np.hypot(*(self._routes.places - agent).T)
         cost = lengths[self._place] / SPEED + self.pushes.steps + value
         order = np.argsort(cost, kind="stable")
         near = order[cost[order] < cost[order[0]] + 25.0]
-        near = near[self._possible(near, pose, future[near])] if len(near) else order[:1]
-        near = near if len(near) else order[:1]
+        possible = near[self._possible(near, pose, future[near])]
+        near = possible if len(possible) else near[:1]
         probability = _softmax_by_side(cost[near], self.pushes.side[near], self.temperature)
         kept = probability > 0
         return near[kept], cost[near][kept], probability[kept], found
