@@ -13,6 +13,7 @@ from cotlearn.plots.motion import Gif, animate, gif, gif_bytes
 from cotlearn.plots.pairs import pair_lines, paired_source, source_given_condition
 from cotlearn.plots.paths import trajectories, velocity_field
 from cotlearn.plots.points import scatter
+from cotlearn.plots.results import beside_published
 from cotlearn.plots.style import (
     COLORS,
     CONDITION_COLORS,
@@ -43,6 +44,7 @@ __all__ = [
     "Gif",
     "animate",
     "bars",
+    "beside_published",
     "curves",
     "error_against_nfe",
     "frontier",

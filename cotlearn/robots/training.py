@@ -1,0 +1,303 @@
+"""Train policies for Push-T: every method on the same data, network and budget."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from cotlearn.couplings import (
+    ConditionalOT,
+    Coupling,
+    Independent,
+    MinibatchOT,
+    ModelAligned,
+    Pairs,
+    Source,
+    StratifiedOT,
+)
+from cotlearn.couplings.base import generator_for
+from cotlearn.datasets import Dataset
+from cotlearn.flows.diffusion import Diffusion, regression_loss
+from cotlearn.flows.matching import Loss, conditional_flow_matching_loss
+from cotlearn.flows.networks import ResidualMLP, TemporalUNet
+from cotlearn.flows.solvers import integrate
+from cotlearn.flows.training import FitResult, fit
+from cotlearn.robots.episodes import Episodes, Windows
+from cotlearn.robots.policies import (
+    ChunkPolicy,
+    DDPMSampler,
+    FlowSampler,
+    MeanSampler,
+    Sampler,
+)
+from cotlearn.validation import check_choice, check_count, check_number, check_same_rows
+
+#: name: what it is
+METHODS = {
+    "independent": "flow matching, independent pairs",
+    "minibatch_ot": "flow matching, naive minibatch OT",
+    "conditional_ot": "flow matching, COT with a condition weight",
+    "stratified": "flow matching, one assignment for each cluster of conditions and epoch",
+    "aligned": "flow matching, model-aligned pairs (MAC, weighted)",
+    "reflow": "rectified flow on the pairs of a flow with independent pairs",
+    "behaviour_cloning": "regression of the chunk, mean squared error",
+    "diffusion": "DDPM with 100 levels",
+}
+NETWORKS = ("mlp", "unet")
+_LOSSES: dict[str, Loss] = {"behaviour_cloning": regression_loss, "diffusion": Diffusion().loss}
+_BATCHES = (MinibatchOT.name, ConditionalOT.name)  #: couplings that pair options.ot_batch_size rows
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a training is made of, the same for all methods unless said otherwise.
+
+    Attributes:
+        steps: gradient steps; of reflow, for the teacher and for the student.
+        batch_size: rows of a gradient step.
+        learning_rate: of Adam, falling to 0 by a cosine.
+        ema: decay of the averaged weights.
+        network: "mlp", the residual MLP, or "unet", the temporal U-Net.
+        width: of the MLP's layers.
+        blocks: of the MLP.
+        frame: "body" or "world", see `Windows`.
+        label: "intention" or "action", see `Windows.dataset`.
+        observe: steps that a policy sees.
+        predict: steps of a chunk.
+        execute: steps that are done of it.
+        ot_batch_size: rows of minibatch OT and COT.
+        condition_weight: of COT; the course takes it from the frontier.
+        clusters: of stratified OT.
+        reflow_pairs: rows that the teacher pairs for reflow.
+        reflow_nfe: evaluations with which it does.
+    """
+
+    steps: int = 15_000
+    batch_size: int = 256
+    learning_rate: float = 1e-3
+    ema: float = 0.999
+    network: str = "mlp"
+    width: int = 384
+    blocks: int = 4
+    frame: str = "body"
+    label: str = "intention"
+    observe: int = 2
+    predict: int = 16
+    execute: int = 8
+    ot_batch_size: int = 512
+    condition_weight: float = 100.0
+    clusters: int = 4096
+    reflow_pairs: int = 200_000
+    reflow_nfe: int = 16
+
+    def __post_init__(self) -> None:
+        check_choice(self.network, "network", NETWORKS)
+        for name in ("steps", "batch_size", "clusters", "reflow_pairs", "reflow_nfe"):
+            check_count(getattr(self, name), name)
+        check_number(self.condition_weight, "condition_weight")
+        if check_count(self.execute, "execute") > check_count(self.predict, "predict"):
+            raise ValueError(
+                f"execute must be at most the {self.predict} predicted steps, got {self.execute}"
+            )
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained policy.
+
+    Attributes:
+        policy: with the sampler of most evaluations.
+        history: as of `fit`; of reflow, the student's.
+        seconds: of training, a teacher's included.
+        parameters: weights of the network.
+    """
+
+    policy: ChunkPolicy
+    history: dict[str, NDArray[np.float64]]
+    seconds: float
+    parameters: int
+
+
+def train(
+    method: str,
+    episodes: Episodes,
+    *,
+    seed: int = 0,
+    options: Options | None = None,
+    teacher: Trained | None = None,
+    checkpoint: str | Path | None = None,
+    progress: bool | None = None,
+) -> Trained:
+    """Trains a policy on all windows of the episodes.
+
+    Args:
+        method: a key of `METHODS`.
+        episodes: to train on; hold some out before (`split`).
+        seed: of weights, pairs and times. One seed gives all methods the same initial weights.
+        options: the same for all methods that are to be compared.
+        teacher: of reflow, trained with the same arguments as "independent"; made anew if None.
+        checkpoint: a safetensors file to resume from.
+        progress: show a bar; None: in terminals and notebooks.
+
+    Raises:
+        ValueError: an unknown method, or options or a checkpoint that do not fit.
+        KeyboardInterrupt: Ctrl-C, after the checkpoint has been written.
+    """
+    check_choice(method, "method", tuple(METHODS))
+    options = options or Options()
+    if options.label == "intention" and episodes.intention is None:
+        options = replace(options, label="action")  # human demonstrators do not say
+    windows = Windows.fit(
+        episodes,
+        observe=options.observe,
+        predict=options.predict,
+        frame=options.frame,
+        label=options.label,
+    )
+    data = windows.dataset(episodes, label=options.label)
+    network = make_network(windows, seed=seed, options=options)
+    place = None if checkpoint is None else Path(checkpoint)
+    if method == "reflow":
+        if teacher is None:
+            first = None if place is None else place.with_name(f"teacher_{place.name}")
+            teacher = train(
+                "independent",
+                episodes,
+                seed=seed,
+                options=options,
+                checkpoint=first,
+                progress=progress,
+            )
+        result, seconds = _reflow(teacher.policy.network, data, seed, options, place, progress)
+        seconds += teacher.seconds
+    else:
+        coupling, loss, seconds = coupling_for(method, options), _LOSSES.get(method), 0.0
+        result = _fit(network, data, coupling, loss, seed, options, place, progress)
+    seconds += float(result.history["seconds"][-1])
+    policy = ChunkPolicy(result.network, windows, sampler_for(method), execute=options.execute)
+    parameters = sum(p.numel() for p in result.network.parameters())
+    return Trained(policy, result.history, seconds, parameters)
+
+
+def make_network(windows: Windows, *, seed: int, options: Options) -> nn.Module:
+    """A network for chunks and observations of the windows' sizes."""
+    if options.network == "unet":
+        return TemporalUNet(windows.predict, 2, windows.condition_dim, seed=seed)
+    return ResidualMLP(
+        windows.dim,
+        windows.condition_dim,
+        width=options.width,
+        blocks=options.blocks,
+        seed=seed,
+    )
+
+
+def coupling_for(method: str, options: Options) -> Coupling:
+    """The coupling that a method trains with (reflow: its teacher)."""
+    if method == "minibatch_ot":
+        return MinibatchOT()
+    if method == "conditional_ot":
+        return ConditionalOT(options.condition_weight)
+    if method == "stratified":
+        return StratifiedOT(options.clusters)
+    if method == "aligned":
+        return ModelAligned("weighted", warmup_steps=options.steps // 5)
+    return Independent()
+
+
+def sampler_for(method: str) -> Sampler:
+    """How a policy of this method is drawn from at its best."""
+    if method == "behaviour_cloning":
+        return MeanSampler()
+    return DDPMSampler() if method == "diffusion" else FlowSampler(nfe=16)
+
+
+def _fit(
+    network: nn.Module,
+    data: Dataset,
+    coupling: Coupling,
+    loss: Loss | None,
+    seed: int,
+    options: Options,
+    checkpoint: Path | None,
+    progress: bool | None,
+) -> FitResult:
+    return fit(
+        network,
+        data,
+        coupling,
+        steps=options.steps,
+        batch_size=options.batch_size,
+        ot_batch_size=options.ot_batch_size if coupling.name in _BATCHES else None,
+        seed=seed,
+        loss=loss or conditional_flow_matching_loss,
+        learning_rate=options.learning_rate,
+        ema=options.ema,
+        checkpoint=checkpoint,
+        progress=progress,
+    )
+
+
+class MadePairs(Coupling):
+    """Pairs that were made once: row i of the noise belongs to row i of the data.
+
+    Args:
+        x0: (N, d), the noise of the N rows of the data.
+    """
+
+    name = "reflow"
+    solves = False
+
+    def __init__(self, x0: Tensor) -> None:
+        self._x0 = x0
+
+    def stream(
+        self,
+        data: Any,
+        *,
+        batch_size: int,
+        ot_batch_size: int | None = None,
+        source: Source | None = None,
+        generator: torch.Generator | None = None,
+        start: int = 0,
+    ) -> Iterator[Pairs]:
+        """Yields batches of rows drawn with replacement."""
+        check_same_rows(self._x0, "x0", data.x1, "x1 of the data")
+        seed = torch.initial_seed() if generator is None else generator.initial_seed()
+        for number in itertools.count(start):
+            rng = generator_for(seed, number)
+            rows = torch.randint(len(data), (batch_size,), generator=rng)
+            yield Pairs(self._x0[rows], data.x1[rows], data.c[rows], rows, rows)
+
+
+def _reflow(
+    teacher: nn.Module,
+    data: Dataset,
+    seed: int,
+    options: Options,
+    checkpoint: Path | None,
+    progress: bool | None,
+) -> tuple[FitResult, float]:
+    """The student, which starts from its teacher's weights, and the seconds for its pairs."""
+    started = time.perf_counter()
+    rng = generator_for(seed, 0, purpose=21)
+    _, c = data.sample(options.reflow_pairs, generator=rng)
+    assert c is not None
+    x0 = torch.randn(len(c), data.dim, generator=rng)
+    parts = [
+        integrate(teacher, noise, some, nfe=options.reflow_nfe).x1
+        for noise, some in zip(x0.split(4096), c.split(4096), strict=True)
+    ]
+    made = Dataset(torch.cat(parts), c, name=f"{data.name}, made by a teacher")
+    seconds = time.perf_counter() - started
+    result = _fit(teacher, made, MadePairs(x0), None, seed, options, checkpoint, progress)
+    return result, seconds
