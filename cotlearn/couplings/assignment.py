@@ -1,10 +1,10 @@
 """The solvers behind the couplings: exact permutations, entropic plans, and drawing from a plan.
 
-The exact solver takes two steps. A few Sinkhorn steps in single precision give dual potentials
-that are nearly optimal; from them most rows find a free column at once, and shortest augmenting
-paths in double precision (`augmenting.py`) do the rest. The potentials change the time, never the
-optimum. Colder last temperatures, more steps and stronger over-relaxation were tried and did not
-pay over all sizes. `benchmarks/assignment.py` measures it beside torchcfm, SciPy and POT.
+The exact solver takes two steps. A few Sinkhorn steps in single precision (`annealing.py`) give
+dual potentials that are nearly optimal; from them most rows find a free column at once, and
+shortest augmenting paths in double precision (`augmenting.py`) do the rest. The potentials change
+the time, never the optimum. Colder last temperatures, more steps and stronger over-relaxation were
+tried and did not pay over all sizes. `benchmarks/assignment.py` measures it beside torchcfm, SciPy and POT.
 """
 
 from __future__ import annotations
@@ -14,20 +14,15 @@ import ot
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from cotlearn.couplings.annealing import potentials, unshared
 from cotlearn.couplings.augmenting import assign
-from cotlearn.couplings.threads import one_blas_thread
 from cotlearn.validation import check_number
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Single = NDArray[np.float32]
 
 SMALL_BATCH = 64  #: up to here SciPy is done before potentials would be
 EASY = 0.75  #: share of rows with a cheapest column of their own, above which SciPy is as fast
-TEMPERATURES = (0.1, 0.02)  #: of the Sinkhorn steps, in standard deviations of the cost
-STEPS = (7, 10)  #: at each temperature, in small and in large batches
-RELAXATION = np.float32(1.4)  #: of the steps, in [1, 2) (Thibault 1711.01851)
-LEAST = np.float32(1e-12)  #: scalings stay in [1e-12, 1e12]: no power of them overflows
 UNDERFLOW = 100.0  #: exp(-100) is a number, exp(-1000) is not: beyond this, logarithms
 
 
@@ -48,52 +43,13 @@ def exact_permutation(cost: Array) -> Index:
         least = cost.min(axis=0)
         with np.errstate(over="ignore"):
             spread = cost[:: len(cost) // 32].std()
-        if 1e-30 < spread < 1e30:  # else beyond single precision
-            single = np.empty(cost.shape, np.float32)
-            np.subtract(cost, least, out=single, casting="unsafe")
-            single /= spread
-            if len(np.unique(single.argmin(axis=1))) < EASY * len(cost):
-                rows, columns = _potentials(single)
-                rows, columns = spread * rows, least + spread * columns
-                permutation: Index = assign(cost, rows, columns, _near(cost, rows, columns))
-                return permutation
+        if 1e-30 < spread < 1e30 and unshared(cost, least) < EASY * len(
+            cost
+        ):  # else beyond single precision, or easy
+            rows, columns = potentials(cost, least, spread)
+            permutation: Index = assign(cost, rows, columns, _near(cost, rows, columns))
+            return permutation
     return linear_sum_assignment(cost)[1].astype(np.int64)
-
-
-def _potentials(cost: Single) -> tuple[Single, Single]:
-    """Nearly optimal dual potentials of a cost in units of its spread, by Sinkhorn steps."""
-    kernel = np.empty_like(cost)
-    rows, columns = np.zeros((2, len(cost)), np.float32)
-    with one_blas_thread():
-        for temperature in np.array(TEMPERATURES, np.float32):
-            _anneal(cost, rows, columns, temperature, kernel)
-    return rows, columns
-
-
-def _anneal(
-    cost: Single, rows: Single, columns: Single, temperature: np.float32, kernel: Single
-) -> None:
-    """Improve the potentials in place by the Sinkhorn steps of one temperature."""
-    np.subtract(columns, cost, out=kernel)
-    kernel += rows[:, None]
-    kernel *= 1 / temperature
-    np.exp(kernel, out=kernel)
-    u, v = np.ones((2, len(cost)), np.float32)
-    for _ in range(STEPS[len(cost) > 256]):
-        _relax(u, kernel @ v)
-        _relax(v, u @ kernel)
-    np.divide(1, u @ kernel + LEAST, out=v)  # keeps the next kernel at most 1
-    rows += temperature * np.log(u)
-    columns += temperature * np.log(v)
-
-
-def _relax(scaling: Single, product: Single) -> None:
-    """Move the scaling to 1 / product and, by over-relaxation, beyond; in place."""
-    product *= scaling
-    product += LEAST
-    scaling *= product**-RELAXATION
-    np.minimum(scaling, 1 / LEAST, out=scaling)
-    np.maximum(scaling, LEAST, out=scaling)
 
 
 def _near(cost: Array, rows: Array, columns: Array) -> float:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from torch import Tensor
 
-from cotlearn.couplings.threads import one_blas_thread
 from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
 
 MANY_DIMENSIONS = 32  #: from here on a matrix product is the faster way to distances
@@ -244,8 +243,7 @@ def squared_distances(first: Tensor, second: Tensor) -> NDArray[np.float64]:
     centre = b.mean(axis=0)
     a, b = a - centre, b - centre
     norms_a, norms_b = (a * a).sum(axis=1), (b * b).sum(axis=1)
-    with one_blas_thread():
-        distances = (-2 * a) @ b.T
+    distances = (-2 * a) @ b.T
     distances += norms_a[:, None]
     distances += norms_b
     rows, columns = np.nonzero(distances < LOST_DIGITS * (norms_a.max() + norms_b.max()))
