@@ -4,7 +4,8 @@ The exact solver takes two steps. A few Sinkhorn steps in single precision (`ann
 dual potentials that are nearly optimal; from them most rows find a free column at once, and
 shortest augmenting paths in double precision (`augmenting.py`) do the rest. The potentials change
 the time, never the optimum. Colder last temperatures, more steps and stronger over-relaxation were
-tried and did not pay over all sizes. `benchmarks/assignment.py` measures it beside torchcfm, SciPy and POT.
+tried and did not pay over all sizes. `benchmarks/assignment.py` measures it beside torchcfm, SciPy
+and POT.
 """
 
 from __future__ import annotations
