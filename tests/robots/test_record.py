@@ -1,0 +1,204 @@
+import hashlib
+import json
+import re
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from cotlearn import assets, cli
+from cotlearn.robots.experts import record as recording
+from cotlearn.robots.experts.push_t import Episode
+from cotlearn.robots.push_t import SUCCESS, Simulation, random_state
+
+SHIPPED = "push_t_demos.npz"
+
+
+class Quick:
+    """Episodes that cost nothing; every seventh seed fails."""
+
+    calls = 0
+
+    def episode(self, seed):
+        type(self).calls += 1
+        generator = np.random.default_rng(seed)
+        steps = int(generator.integers(3, 9))
+        intention = np.rint(generator.uniform(0, 512, (steps, 2)) * 32) / 32
+        state = generator.uniform(0, 400, (steps, 5))
+        state[:, 4] -= 200
+        return Episode(state, intention, intention, coverage=0.0 if seed % 7 == 0 else 1.0)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    monkeypatch.setattr(Quick, "calls", 0)
+    monkeypatch.setattr(recording, "PushTExpert", Quick)
+    monkeypatch.setattr(recording, "PART", 4)
+    return Quick
+
+
+def make(path, **changes):
+    return recording.record(path, **{"episodes": 10, "seed": 1, "show_progress": False, **changes})
+
+
+def test_what_is_recorded_is_read_back(quick, tmp_path):
+    about = make(tmp_path / "a.npz")
+    found = recording.load(tmp_path / "a.npz")
+    assert found.about == about
+    assert len(found.episode_ends) == len(found.seed) == about["episodes"] == 10
+    assert about["replaced"] == quick.calls - 10 > 0
+    begin = 0
+    for seed, end in zip(found.seed, found.episode_ends, strict=True):
+        episode = Quick().episode(int(seed))
+        assert episode.success
+        rows = slice(begin, end)
+        assert np.array_equal(found.action[rows], episode.action)
+        assert np.abs(found.state[rows, :4] - episode.state[:, :4]).max() <= 1 / 64
+        turn = np.abs(np.exp(1j * found.state[rows, 4]) - np.exp(1j * episode.state[:, 4])).max()
+        assert turn < 5e-5
+        begin = end
+    assert not list(tmp_path.glob("*.parts"))
+
+
+@pytest.mark.parametrize("when", [0, 1, 5, 9, 10])
+def test_an_interrupted_recording_ends_in_the_same_bytes(quick, tmp_path, monkeypatch, when):
+    make(tmp_path / "whole.npz")
+    total = quick.calls
+    calls = iter(range(100))
+    original = Quick.episode
+
+    def interrupted(self, seed):
+        if next(calls) == when:
+            raise KeyboardInterrupt
+        return original(self, seed)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Quick, "episode", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            make(tmp_path / "broken.npz")
+    assert not (tmp_path / "broken.npz").exists()
+    quick.calls = 0
+    make(tmp_path / "broken.npz")
+    assert quick.calls <= total - when + 4 + 2  # a part, and replacements, are made again
+    assert (tmp_path / "broken.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
+
+
+def test_a_damaged_part_is_made_anew_and_a_foreign_one_refused(quick, tmp_path, monkeypatch):
+    make(tmp_path / "whole.npz")
+    with monkeypatch.context() as patch:
+        patch.setattr(Quick, "episode", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            make(tmp_path / "a.npz")
+    part = tmp_path / "a.npz.parts" / "000000-000004.npz"
+    part.write_bytes(b"PK\x03\x04 torn")
+    make(tmp_path / "a.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
+
+    (tmp_path / "b.npz.parts").mkdir()
+    arrays, about = recording.read(tmp_path / "whole.npz")
+    recording.write(tmp_path / "b.npz.parts" / part.name, arrays, about)
+    with pytest.raises(ValueError, match="holds parts of another recording"):
+        make(tmp_path / "b.npz")
+
+
+def test_a_finished_recording_is_kept(quick, tmp_path):
+    about = make(tmp_path / "a.npz")
+    quick.calls = 0
+    assert make(tmp_path / "a.npz") == about
+    assert quick.calls == 0
+    for change in ({"seed": 2}, {"episodes": 11}):
+        with pytest.raises(ValueError, match="holds another recording: choose another file"):
+            make(tmp_path / "a.npz", **change)
+    with pytest.raises(ValueError, match="episodes must be at least 1, got 0"):
+        make(tmp_path / "c.npz", episodes=0)
+    with pytest.raises(TypeError, match="seed must be an integer"):
+        make(tmp_path / "c.npz", seed=1.5)
+
+
+def test_the_command(quick, tmp_path, monkeypatch):
+    def command(*more):
+        out = str(tmp_path / "a.npz")
+        return CliRunner().invoke(cli.app, ["demos", "push-t", "--out", out, "--seed", "1", *more])
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Quick, "episode", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        result = command("--episodes", "5")
+        assert result.exit_code == 130
+        assert "run the same command again to go on" in result.output
+    result = command("--episodes", "5")
+    assert result.exit_code == 0, result.output
+    assert "5 episodes" in result.output
+    result = command("--episodes", "6")
+    assert result.exit_code == 2
+    assert "holds another recording" in result.output
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda path: path.unlink(), "no such file"),
+        (lambda path: path.write_bytes(b""), "damaged or not an .npz file"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-200]), "damaged or not an .npz file"),
+        (lambda path: path.write_bytes(b"col1,col2\n1,2\n"), "damaged or not an .npz file"),
+        (lambda path: flip(path), "damaged"),
+        (lambda path: change(path, state=None), "not a file of Push-T demonstrations: no 'state"),
+        (lambda path: change(path, state=lambda a: a.astype(float)), "state is float64 of shape"),
+        (lambda path: change(path, action=lambda a: a[:, :1]), "action is int16 of shape"),
+        (lambda path: change(path, episode_ends=lambda a: a[::-1]), "episode_ends must rise"),
+        (lambda path: change(path, seed=lambda a: a[:-1]), "do not fit"),
+        (lambda path: change(path, action=lambda a: a + np.int16(1)), "do not match their SHA"),
+        (lambda path: change(path, about=lambda a: np.array("[]")), "damaged"),
+        (lambda path: change(path, state=lambda a: a.astype(object)), "damaged or not an .npz"),
+    ],
+)
+def test_damaged_and_foreign_files(quick, tmp_path, damage, message):
+    path = tmp_path / "a.npz"
+    make(path)
+    damage(path)
+    with pytest.raises((ValueError, FileNotFoundError), match=message) as caught:
+        recording.load(path)
+    assert str(path) in str(caught.value)
+
+
+def flip(path):
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3] ^= 0xFF
+    path.write_bytes(content)
+
+
+def change(path, **changes):
+    with np.load(path) as file:
+        arrays = dict(file)
+    for name, how in changes.items():
+        if how is None:
+            del arrays[name]
+        else:
+            arrays[name] = how(arrays[name])
+    np.savez(path, **arrays)
+
+
+# --- what the course ships --------------------------------------------------------------------
+
+
+def test_the_shipped_file_is_the_one_that_data_describes():
+    path = assets.find_data(SHIPPED)
+    assert path.stat().st_size <= 8e6
+    text = assets.find_data("README.md").read_text(encoding="utf-8")
+    digest = re.search(r"`([0-9a-f]{64})`", text.split(SHIPPED)[1])[1]
+    assert hashlib.sha256(path.read_bytes()).hexdigest() == digest
+    arrays, about = recording.read(path)
+    assert json.dumps(about["versions"])
+    assert len(arrays["seed"]) == about["episodes"] >= 4000
+    assert len(set(arrays["seed"].tolist())) == len(arrays["seed"])
+
+
+def test_shipped_episodes_can_be_replayed():
+    """To the rounding of the file; on another machine sines may differ in the last digit."""
+    found = recording.load(assets.find_data(SHIPPED))
+    begins = np.concatenate([[0], found.episode_ends[:-1]])
+    for episode in (0, 1234, 3999):
+        world = Simulation(random_state(np.random.default_rng(int(found.seed[episode]))))
+        for row in range(begins[episode], found.episode_ends[episode]):
+            assert np.abs(np.array(world.state[:4]) - found.state[row, :4]).max() < 1 / 64 + 1e-3
+            world.step(*found.action[row].tolist())
+        assert world.coverage > SUCCESS
