@@ -442,8 +442,9 @@ class LogSumExp(ConvexPotential):
 
     Args:
         dim: d, columns of x.
-        pieces: number of affine pieces, with a_i ~ N(0, spread^2 I) and b_i ~ N(0, spread^2).
-        spread: of the pieces; the map jumps this far between them, more sharply the colder.
+        pieces: number of affine pieces, a_i ~ N(0, 2/d spread^2 I) and b_i ~ N(0, spread^2).
+        spread: of the pieces; the map moves about twice this far from one to the next in any
+            dimension, and the more suddenly the colder.
         temperature: above 0.
         alpha: at least 0.01.
         seed: of the pieces.
@@ -469,8 +470,8 @@ class LogSumExp(ConvexPotential):
             raise ValueError("temperature must be above 0, got 0")
         generator = torch.Generator().manual_seed(check_count(seed, "seed", minimum=0))
         shape = (check_count(pieces, "pieces"), dim)
-        a = check_number(spread, "spread") * torch.randn(shape, generator=generator)
-        self.register_buffer("a", a)
+        a = torch.randn(shape, generator=generator) * math.sqrt(2 / dim)
+        self.register_buffer("a", check_number(spread, "spread") * a)
         self.register_buffer("b", spread * torch.randn(pieces, generator=generator))
 
     def value(self, x: Tensor, c: Tensor | None) -> Tensor:

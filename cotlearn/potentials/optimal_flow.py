@@ -17,6 +17,8 @@ from cotlearn.flows.solvers import ConditionalSampler
 from cotlearn.potentials.convex import ConvexPotential
 from cotlearn.potentials.inversion import check_times, invert, is_small, solve_curvature
 
+LINES = 512  #: that an inversion may start from
+
 
 def optimal_flow_matching_loss(
     potential: ConvexPotential, pairs: Pairs, generator: torch.Generator | None = None
@@ -56,7 +58,8 @@ def optimal_flow_matching_loss_at(
     x0, x1 = pairs.x0, pairs.x1
     c = potential.check(x0, pairs.c)
     t = check_times(t, x0)
-    z0 = invert(potential, interpolate(x0, x1, t), t, c).z
+    x_t = interpolate(x0, x1, t)
+    z0 = invert(potential, x_t, t, c, start=_near(potential, x0, x_t, t)).z
     given = potential.given(c)
     slope = given.gradient(z0)
     error = (slope - z0 - (x1 - x0)).detach()  # = (x0 - z0)/t
@@ -85,7 +88,7 @@ def dual_loss(
     """
     x0, x1 = pairs.x0, pairs.x1
     c = potential.check(x0, pairs.c)
-    z = invert(potential, x1, 1.0, pairs.c).z
+    z = invert(potential, x1, 1.0, c, start=_near(potential, x0, x1, torch.ones_like(x1[:, 0]))).z
     given = potential.given(c)
     conjugate = (x1 * z).sum(dim=1) - given.value(z)
     return 2 * (given.value(x0) + conjugate - (x0 * x1).sum(dim=1))
@@ -109,6 +112,21 @@ def dual_objective(
     z = invert(potential, x1, 1.0, c).z
     given = potential.given(c)
     return given.value(x0) + (x1 * z).sum(dim=1) - given.value(z)
+
+
+@torch.no_grad()
+def _near(potential: ConvexPotential, x0: Tensor, y: Tensor, t: Tensor) -> Tensor | None:
+    """For each y the start of the nearest of the lines from x0, which halves the inversion's work.
+
+    With conditions every row has a map of its own, and this would take B^2 evaluations.
+    """
+    if potential.condition_dim:
+        return None
+    x0 = x0[:LINES]
+    x1, t = potential.gradient(x0), t[:, None]
+    middles = (1 - t) ** 2 * x0.square().sum(dim=1) + t**2 * x1.square().sum(dim=1)
+    middles = middles + 2 * t * (1 - t) * (x0 * x1).sum(dim=1)
+    return x0[(middles - 2 * ((1 - t) * (y @ x0.T) + t * (y @ x1.T))).argmin(dim=1)]
 
 
 @torch.no_grad()
