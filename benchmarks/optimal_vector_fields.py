@@ -66,15 +66,15 @@ SETTING = {
     "steps_inside_mmv1": 20,
 }
 STEPS = {
-    "gaussian_2": 300,
-    "gaussian_8": 300,
-    "gaussian_32": 300,
-    "eight_gaussians": 1000,
-    "log_sum_exp_2": 600,
-    "log_sum_exp_8": 600,
-    "log_sum_exp_32": 400,
-    "conditional_2": 300,
-    "conditional_8": 300,
+    "gaussian_2": 150,
+    "gaussian_8": 150,
+    "gaussian_32": 150,
+    "eight_gaussians": 800,
+    "log_sum_exp_2": 300,
+    "log_sum_exp_8": 300,
+    "log_sum_exp_32": 200,
+    "conditional_2": 250,
+    "conditional_8": 250,
 }
 NFE = (1, 16)
 UNCONDITIONAL = [
