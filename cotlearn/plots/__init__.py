@@ -13,6 +13,7 @@ from cotlearn.plots.motion import Gif, animate, gif, gif_bytes
 from cotlearn.plots.pairs import pair_lines, paired_source, source_given_condition
 from cotlearn.plots.paths import trajectories, velocity_field
 from cotlearn.plots.points import scatter
+from cotlearn.plots.potentials import contours, net, outlines
 from cotlearn.plots.results import beside_published
 from cotlearn.plots.style import (
     COLORS,
@@ -45,6 +46,7 @@ __all__ = [
     "animate",
     "bars",
     "beside_published",
+    "contours",
     "curves",
     "error_against_nfe",
     "frontier",
@@ -53,6 +55,8 @@ __all__ = [
     "histogram",
     "image_grid",
     "label_of",
+    "net",
+    "outlines",
     "pair_lines",
     "paired_source",
     "panels",
