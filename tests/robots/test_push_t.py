@@ -262,13 +262,11 @@ def test_spaces_and_starts_of_gym_pusht(peer):
         assert ours.reset(seed=seed)[0] == pytest.approx(expected, abs=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("kind", "episodes", "steps"), [("random", 200, 100), ("pushing", 20, 300)]
-)
+@pytest.mark.parametrize(("kind", "episodes", "steps"), [("random", 200, 50), ("pushing", 20, 300)])
 def test_dynamics_of_gym_pusht(peer, kind, episodes, steps):
     """Positions to 1e-3 pixels and coverage to 1e-6, over whole episodes from the same starts.
 
-    Random episodes are cut after 100 steps to save time; benchmarks/push_t_speed.py runs them all.
+    Random episodes are cut after 50 steps to save time; benchmarks/push_t_speed.py runs them all.
     """
     module, theirs = peer
     ours = PushT()

@@ -52,8 +52,7 @@ def clearance(a: Array, b: Array) -> Array:
 
 
 def _crosses(a: Array, way: Array) -> NDArray[np.bool_]:
-    with np.errstate(divide="ignore"):
-        inverse = 1.0 / np.where(way == 0, 1e-300, way)
+    inverse = 1.0 / np.where(np.abs(way) < 1e-12, 1e-12, way)
     crossing = np.zeros(len(a), dtype=bool)
     for x0, x1, y0, y1 in RECTANGLES:
         first = (np.array([x0, y0]) - a) * inverse
