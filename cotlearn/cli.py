@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
@@ -33,6 +34,10 @@ app = typer.Typer(
 )
 demos = typer.Typer(no_args_is_help=True, help="Makes the demonstrations that the course ships.")
 app.add_typer(demos, name="demos")
+training = typer.Typer(no_args_is_help=True, help="Trains policies.")
+app.add_typer(training, name="train")
+benches = typer.Typer(no_args_is_help=True, help="Runs the comparisons behind stored tables.")
+app.add_typer(benches, name="bench")
 console = Console(highlight=False, soft_wrap=True)
 
 
@@ -217,6 +222,188 @@ def demos_push_t(
         f"{escape(str(out))}: {about['episodes']} episodes, {about['replaced']} of them a second "
         f"try, {size:.1f} MB"
     )
+
+
+DEMONSTRATIONS = "push_t_demos.npz"
+_Data = Annotated[
+    Path | None,
+    typer.Option(
+        help="Demonstrations: .npz, Diffusion Policy's .zarr, or a LeRobot folder. "
+        "Without it those of the course."
+    ),
+]
+_Steps = Annotated[int, typer.Option(min=1, help="Gradient steps.")]
+_Batch = Annotated[int, typer.Option(min=1, help="Rows of a gradient step.")]
+_Clusters = Annotated[int, typer.Option(min=1, help="Of stratified OT.")]
+_Weight = Annotated[
+    float | None, typer.Option(min=0, help="Of COT; without it the frontier chooses.")
+]
+_Frame = Annotated[str, typer.Option(help="What a policy sees and says: body or world.")]
+_Network = Annotated[str, typer.Option(help="mlp or unet.")]
+
+
+@training.command("push-t")
+def train_push_t(
+    coupling: Annotated[
+        str,
+        typer.Option(
+            help="independent, minibatch_ot, conditional_ot, stratified, aligned, reflow; or "
+            "behaviour_cloning or diffusion, which have none."
+        ),
+    ] = "stratified",
+    seed: Annotated[int, typer.Option(min=0, help="Of weights, pairs and times.")] = 0,
+    episodes: Annotated[
+        int | None, typer.Option(min=1, help="Demonstrations to train on; all without it.")
+    ] = None,
+    steps: _Steps = 15_000,
+    batch_size: _Batch = 256,
+    clusters: _Clusters = 4096,
+    condition_weight: _Weight = None,
+    frame: _Frame = "body",
+    network: _Network = "mlp",
+    data: _Data = None,
+    out: Annotated[Path, typer.Option(help="The file to make.")] = Path("push_t.safetensors"),
+    rollouts: Annotated[
+        int, typer.Option(min=0, help="Episodes to try each way of drawing chunks in.")
+    ] = 50,
+) -> None:
+    """Trains a policy for Push-T, saves it, and tries it; resumes where it was interrupted."""
+    torch, episode_files = _robots()
+    from cotlearn.robots import benchmark
+    from cotlearn.robots.rollout import rollout
+    from cotlearn.robots.training import Options, train
+
+    torch.set_num_threads(1)
+    try:
+        options = Options(
+            steps=steps,
+            batch_size=batch_size,
+            clusters=clusters,
+            condition_weight=condition_weight,
+            frame=frame,
+            network=network,
+        )
+        chosen = episode_files.read(_demonstrations(data))
+        if episodes is not None:
+            chosen = chosen.select(list(range(min(episodes, len(chosen)))))
+        options = benchmark.with_weight(coupling, chosen, options)
+        checkpoint = out.with_name(f"{out.stem}.training.safetensors")
+        trained = train(coupling, chosen, seed=seed, options=options, checkpoint=checkpoint)
+    except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
+        _stop(str(error))
+    except KeyboardInterrupt:
+        console.print("stopped; run the same command again to go on")
+        raise typer.Exit(130) from None
+    trained.policy.save(out, about={"coupling": coupling, "seed": seed, "episodes": len(chosen)})
+    for file in out.parent.glob(f"*{checkpoint.name}"):
+        file.unlink()
+    console.print(
+        f"{escape(str(out))}: {trained.parameters} weights, {len(chosen)} episodes, "
+        f"{trained.seconds:.0f} s"
+    )
+    if rollouts:
+        table = Table("sampler", "coverage", "above 0.90", "above 0.95", "ms a chunk", box=None)
+        for sampler in benchmark.samplers(coupling):
+            policy = trained.policy.with_sampler(sampler)
+            scores = rollout(policy, episodes=rollouts).summary()
+            numbers = [f"{scores[name]:.3f}" for name in ("coverage", "success_90", "success_95")]
+            table.add_row(sampler.name, *numbers, f"{1000 * policy.latency():.2f}")
+        console.print(table)
+
+
+@benches.command("push-t")
+def bench_push_t(
+    methods: Annotated[
+        str | None, typer.Option(help="Names with commas between; all without it.")
+    ] = None,
+    seeds: Annotated[str, typer.Option(help="Numbers with commas between.")] = "0,1,2",
+    episodes: Annotated[int, typer.Option(min=2, help="Paired rollouts of each policy.")] = 200,
+    train_episodes: Annotated[
+        int | None, typer.Option(min=1, help="Demonstrations to train on; all without it.")
+    ] = None,
+    held_out: Annotated[
+        int, typer.Option(min=1, help="Demonstrations kept for the energy score.")
+    ] = 200,
+    steps: _Steps = 15_000,
+    batch_size: _Batch = 256,
+    clusters: _Clusters = 4096,
+    condition_weight: _Weight = None,
+    frame: _Frame = "body",
+    network: _Network = "mlp",
+    data: _Data = None,
+    folder: Annotated[Path | None, typer.Option(help="Of the cells.")] = None,
+    weights: Annotated[Path | None, typer.Option(help="Of policies and checkpoints.")] = None,
+    summary: Annotated[Path | None, typer.Option(help="The file about all cells.")] = None,
+) -> None:
+    """Compares policies for Push-T: trains and rolls out the cells that are missing.
+
+    Finished cells are skipped and an interrupted training resumes, so that the comparison can be
+    completed in several goes, or by two runs side by side on different methods or seeds.
+    """
+    torch, episode_files = _robots()
+    from cotlearn.robots import benchmark
+    from cotlearn.robots.training import METHODS, Options
+
+    torch.set_num_threads(1)
+    results = assets.course_folder() / "data" / "results"
+    folder = folder or results / "push_t"
+    try:
+        chosen = [name.strip() for name in methods.split(",")] if methods else list(METHODS)
+        numbers = _numbers(seeds, "seeds")
+        protocol = benchmark.Protocol(
+            options=Options(
+                steps=steps,
+                batch_size=batch_size,
+                clusters=clusters,
+                condition_weight=condition_weight,
+                frame=frame,
+                network=network,
+            ),
+            train_episodes=train_episodes,
+            held_out=held_out,
+            episodes=episodes,
+        )
+        benchmark.bench(
+            episode_files.read(_demonstrations(data)),
+            folder=folder,
+            methods=chosen,
+            seeds=numbers,
+            protocol=protocol,
+            weights=weights or Path("build") / "push_t",
+            say=lambda text: console.print(escape(text)),
+        )
+        path = summary or folder.with_suffix(".json")
+        benchmark.summarise(folder, path)
+    except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
+        _stop(str(error))
+    except KeyboardInterrupt:
+        console.print("stopped; run the same command again to go on")
+        raise typer.Exit(130) from None
+    console.print(f"summary: {escape(str(path))}")
+
+
+def _robots() -> tuple[ModuleType, ModuleType]:
+    """torch and the reader of demonstrations, or a word on what is missing."""
+    try:
+        import torch
+
+        from cotlearn.robots import episodes
+    except ModuleNotFoundError as error:
+        _stop(f"{error.name} is not installed; install it with: pip install 'cotlearn[course]'")
+    return torch, episodes
+
+
+def _demonstrations(data: Path | None) -> Path:
+    return assets.find_data(DEMONSTRATIONS) if data is None else data
+
+
+def _numbers(text: str, name: str) -> list[int]:
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise ValueError(
+            f"{name} must be whole numbers with commas between, got {text!r}"
+        ) from None
 
 
 @app.command()

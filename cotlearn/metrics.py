@@ -202,6 +202,65 @@ def bootstrap_interval(
     return float(low), float(high)
 
 
+def paired_bootstrap(
+    first: ArrayLike, second: ArrayLike, confidence: float = 0.95, *, seed: int = 0
+) -> tuple[float, float, float]:
+    """The mean of first - second, and its percentile bootstrap interval over seeds and episodes.
+
+    Training seeds and episodes are resampled independently, as crossed factors: every seed's
+    network is judged by the same episodes.
+
+    Args:
+        first: (seeds, episodes), scores of one method.
+        second: (seeds, episodes), of the other, for the same seeds and episodes.
+        confidence: above 0 and below 1.
+        seed: of the resampling.
+
+    Returns:
+        Mean, lower end, upper end.
+    """
+    a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    if a.ndim != 2 or a.shape != b.shape or a.shape[1] < 2:
+        raise ValueError(
+            "first and second must have the same shape (seeds, episodes) with at least 2 "
+            f"episodes, got {a.shape} and {b.shape}"
+        )
+    difference = a - b
+    if not np.isfinite(difference).all():
+        raise ValueError("first and second must be finite")
+    _check_confidence(confidence)
+    rng = np.random.default_rng(seed)
+    seeds, episodes = difference.shape
+    often = rng.multinomial(seeds, np.full(seeds, 1 / seeds), size=5000) / seeds
+    which = rng.multinomial(episodes, np.full(episodes, 1 / episodes), size=5000) / episodes
+    means = np.einsum("rs,re,se->r", often, which, difference, optimize=True)
+    low, high = np.quantile(means, [(1 - confidence) / 2, (1 + confidence) / 2])
+    return float(difference.mean()), float(low), float(high)
+
+
+def energy_score(samples: Tensor, truth: Tensor) -> float:
+    """E|X - y| - E|X - X'| / 2, averaged over conditions (Gneiting & Raftery 2007, eq. 22).
+
+    A proper score: no law does better on average than the one that y comes from. It needs a
+    single y for each condition, and is unbiased.
+
+    Args:
+        samples: (m, n, d), m at least 2 samples for each of n conditions.
+        truth: (n, d), what was observed.
+    """
+    if samples.ndim != 3 or len(samples) < 2 or samples.shape[1:] != truth.shape:
+        raise ValueError(
+            f"samples must have shape (at least 2, {', '.join(map(str, truth.shape))}), got "
+            f"{tuple(samples.shape)}"
+        )
+    check_matrix(truth, "truth")
+    check_matrix(samples.flatten(0, 1), "samples")
+    m = len(samples)
+    off = (samples - truth).norm(dim=2).mean()
+    among = torch.cdist(samples.transpose(0, 1), samples.transpose(0, 1)).sum(dim=(1, 2))
+    return float(off - among.mean() / (m * (m - 1)) / 2)
+
+
 def _check_confidence(confidence: float) -> None:
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence}")

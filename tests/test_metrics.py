@@ -15,8 +15,10 @@ from cotlearn.metrics import (
     bootstrap_interval,
     conditional_squared_w2,
     energy_distance,
+    energy_score,
     joint_squared_w2,
     l2_uvp,
+    paired_bootstrap,
     squared_w2,
     straightness,
     wilson_interval,
@@ -312,3 +314,52 @@ def test_l2_uvp():
         l2_uvp(truth, truth[:, :2])
     with pytest.raises(ValueError, match="mapped has 4 rows, truth has 5000"):
         l2_uvp(truth[:4], truth)
+
+
+def test_paired_bootstrap_sees_what_pairing_leaves():
+    rng = np.random.default_rng(0)
+    hard = rng.normal(size=(1, 200))  # episodes differ much, methods little
+    first = hard + 0.1 + 0.01 * rng.normal(size=(3, 200))
+    second = hard + 0.01 * rng.normal(size=(3, 200))
+    mean, low, high = paired_bootstrap(first, second)
+    assert mean == pytest.approx((first - second).mean())
+    assert 0.09 < low < mean < high < 0.11
+    assert paired_bootstrap(first, first) == (0.0, 0.0, 0.0)
+
+
+def test_paired_bootstrap_counts_seeds_as_well():
+    """With one value a seed the interval is as wide as that of the seeds alone."""
+    difference = np.repeat([[0.0], [1.0], [2.0]], 50, axis=1)
+    mean, low, high = paired_bootstrap(difference, np.zeros((3, 50)))
+    assert (mean, low, high) == (1.0, 0.0, 2.0)
+
+
+def test_energy_score_is_least_for_the_law_itself():
+    g = torch.Generator().manual_seed(0)
+    truth = torch.randn(4000, 2, generator=g)
+
+    def score(shift, scale):
+        return energy_score(shift + scale * torch.randn(16, 4000, 2, generator=g), truth)
+
+    right = score(0.0, 1.0)
+    # E|Z - Z'| / 2 for standard normal Z, Z' in the plane: sqrt(pi) / 2
+    assert right == pytest.approx(math.sqrt(math.pi) / 2, abs=0.03)
+    assert right < min(score(0.5, 1.0), score(0.0, 0.3), score(0.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: paired_bootstrap(np.zeros((2, 3)), np.zeros((3, 3))), "the same shape"),
+        (lambda: paired_bootstrap(np.zeros(3), np.zeros(3)), r"\(seeds, episodes\)"),
+        (lambda: paired_bootstrap(np.full((1, 3), np.nan), np.zeros((1, 3))), "be finite"),
+        (lambda: energy_score(torch.zeros(1, 3, 2), torch.zeros(3, 2)), "at least 2, 3, 2"),
+        (
+            lambda: energy_score(torch.zeros(2, 3, 2), torch.zeros(4, 2)),
+            "samples must have",
+        ),
+    ],
+)
+def test_bad_input_of_the_policies_metrics(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

@@ -212,6 +212,7 @@ class TemporalUNet(_Network):
             raise ValueError(f"kernel must be odd, got {kernel}")
         check_count(context, "context")
         self.steps, self.channels = steps, channels
+        self.widths, self.kernel = tuple(widths), kernel
         self.time = TimeFeatures(_TIME_FEATURES)
         below = list(itertools.pairwise(widths))
         with _seeded(seed):

@@ -238,18 +238,24 @@ class ChunkPolicy:
             FileNotFoundError: there is no such file.
             ValueError: the file is damaged or holds no policy.
         """
+        return cls.load_with_about(path)[0]
+
+    @classmethod
+    def load_with_about(cls, path: str | Path) -> tuple[ChunkPolicy, dict[str, Any]]:
+        """Like `load`, together with what `save` was told to remember."""
         tensors, record = load_tensors(path)
         try:
             stored = record["policy"]
             network = build(**stored["network"])
             network.load_state_dict({name: value.float() for name, value in tensors.items()})
             sampler = dict(stored["sampler"])
-            return cls(
+            policy = cls(
                 network.requires_grad_(False),
                 Windows.from_about(stored["windows"]),
                 _SAMPLERS[sampler.pop("kind")](**sampler),
                 execute=stored["execute"],
             )
+            return policy, dict(record["about"])
         except (KeyError, TypeError, RuntimeError) as error:
             raise ValueError(f"{path} holds no policy that fits: {error}") from error
 

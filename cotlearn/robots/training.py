@@ -75,7 +75,7 @@ class Options:
         predict: steps of a chunk.
         execute: steps that are done of it.
         ot_batch_size: rows of minibatch OT and COT.
-        condition_weight: of COT; the course takes it from the frontier.
+        condition_weight: of COT; None: COT Policy's rule, "balanced" (`bench` asks the frontier).
         clusters: of stratified OT.
         reflow_pairs: rows that the teacher pairs for reflow.
         reflow_nfe: evaluations with which it does.
@@ -94,7 +94,7 @@ class Options:
     predict: int = 16
     execute: int = 8
     ot_batch_size: int = 512
-    condition_weight: float = 100.0
+    condition_weight: float | None = None
     clusters: int = 4096
     reflow_pairs: int = 200_000
     reflow_nfe: int = 16
@@ -103,7 +103,8 @@ class Options:
         check_choice(self.network, "network", NETWORKS)
         for name in ("steps", "batch_size", "clusters", "reflow_pairs", "reflow_nfe"):
             check_count(getattr(self, name), name)
-        check_number(self.condition_weight, "condition_weight")
+        if self.condition_weight is not None:
+            check_number(self.condition_weight, "condition_weight")
         if check_count(self.execute, "execute") > check_count(self.predict, "predict"):
             raise ValueError(
                 f"execute must be at most the {self.predict} predicted steps, got {self.execute}"
@@ -206,7 +207,8 @@ def coupling_for(method: str, options: Options) -> Coupling:
     if method == "minibatch_ot":
         return MinibatchOT()
     if method == "conditional_ot":
-        return ConditionalOT(options.condition_weight)
+        weight = options.condition_weight
+        return ConditionalOT() if weight is None else ConditionalOT(weight)
     if method == "stratified":
         return StratifiedOT(options.clusters)
     if method == "aligned":

@@ -1,0 +1,183 @@
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+
+import cotlearn.robots  # noqa: F401  (registers the environment)
+from cotlearn.flows.diffusion import Diffusion
+from cotlearn.flows.networks import ResidualMLP, TemporalUNet, VelocityMLP
+from cotlearn.flows.solvers import integrate
+from cotlearn.robots.episodes import Windows
+from cotlearn.robots.policies import (
+    ChunkPolicy,
+    DDIMSampler,
+    DDPMSampler,
+    FlowSampler,
+    MeanSampler,
+    build,
+)
+
+SAMPLERS = [
+    FlowSampler(2),
+    FlowSampler(2, "midpoint"),
+    DDPMSampler(10),
+    DDIMSampler(4),
+    MeanSampler(),
+]
+
+
+@pytest.fixture(scope="module")
+def windows(episodes):
+    return Windows.fit(episodes)
+
+
+@pytest.fixture(scope="module")
+def network(windows):
+    return ResidualMLP(windows.dim, windows.condition_dim, width=16, blocks=1, context=8, seed=0)
+
+
+@pytest.fixture(scope="module")
+def history(windows, episodes):
+    return windows.cut(episodes)[0][:5]
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS, ids=lambda s: s.name)
+def test_a_policy_acts(network, windows, history, sampler):
+    policy = ChunkPolicy(network, windows, sampler)
+    actions = policy.act(history, generator=torch.Generator().manual_seed(0))
+    assert actions.shape == (5, 8, 2)
+    assert ((actions >= 0) & (actions <= 512)).all()
+    noise = policy.noise(5, torch.Generator().manual_seed(0))
+    assert np.array_equal(actions, policy.act(history, noise=noise))
+    one = policy.act(history[2:3], noise=noise[:, 2:3])
+    assert np.allclose(one, actions[2:3], atol=1e-2)  # an episode does not see its neighbours
+    assert np.array_equal(policy.chunk(history, noise=noise)[:, :8], actions)
+
+
+def test_the_first_noise_is_the_same_for_all(network, windows):
+    draws = [
+        ChunkPolicy(network, windows, s).noise(3, torch.Generator().manual_seed(1))[0]
+        for s in SAMPLERS
+    ]
+    assert all(torch.equal(draws[0], other) for other in draws)
+
+
+def test_chunks_by_hand(network, windows, history):
+    noise = torch.randn(1, 5, 32, generator=torch.Generator().manual_seed(0))
+    c = windows.condition(history)
+    x = integrate(network, noise[0], c, nfe=4).x1
+    expected = windows.actions(x, history).clip(0, 512)
+    assert np.array_equal(
+        ChunkPolicy(network, windows, FlowSampler(4)).chunk(history, noise=noise), expected
+    )
+    x = Diffusion(100).ddim(network, noise[0], c, nfe=4)
+    expected = windows.actions(x, history).clip(0, 512)
+    assert np.array_equal(
+        ChunkPolicy(network, windows, DDIMSampler(4)).chunk(history, noise=noise), expected
+    )
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS, ids=lambda s: s.name)
+@pytest.mark.parametrize("kind", ["mlp", "unet"])
+def test_save_and_load(windows, history, tmp_path, sampler, kind):
+    if kind == "mlp":
+        network = ResidualMLP(32, 12, width=24, blocks=2, context=8, seed=1)
+    else:
+        network = TemporalUNet(16, 2, 12, widths=(8, 16), kernel=3, context=16, seed=1)
+    policy = ChunkPolicy(network, windows, sampler, execute=4)
+    path = tmp_path / "policy.safetensors"
+    policy.save(path, about={"seed": 1})
+    again, about = ChunkPolicy.load_with_about(path)
+    assert about == {"seed": 1}
+    noise = policy.noise(5)
+    assert np.array_equal(again.act(history, noise=noise), policy.act(history, noise=noise))
+    assert again.sampler == sampler
+    policy.save(tmp_path / "half.safetensors", half=True)
+    assert (tmp_path / "half.safetensors").stat().st_size < path.stat().st_size
+    half = ChunkPolicy.load(tmp_path / "half.safetensors")
+    assert np.allclose(half.act(history, noise=noise), policy.act(history, noise=noise), atol=20)
+
+
+def test_latency_and_another_sampler(network, windows):
+    policy = ChunkPolicy(network, windows, FlowSampler(1))
+    assert 0 < policy.latency(repetitions=3) < 1
+    slow = policy.with_sampler(DDPMSampler())
+    assert slow.network is policy.network
+    assert slow.latency(repetitions=3) > 3 * policy.latency(repetitions=3)
+
+
+def test_a_policy_drives_gymnasiums_vector_environment(network, windows):
+    worlds = gymnasium.make_vec("cotlearn/PushT-v0", num_envs=2)
+    state, _ = worlds.reset(seed=1)
+    history = np.repeat(state[:, None], 2, axis=1)
+    policy = ChunkPolicy(network, windows, FlowSampler(1))
+    for action in policy.act(history).transpose(1, 0, 2)[:2]:
+        state, *_ = worlds.step(action.astype(np.float32))
+    assert state.shape == (2, 5)
+    worlds.close()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda w, n: ChunkPolicy(n, w, FlowSampler(), execute=17),
+            "execute must be at most the 16",
+        ),
+        (lambda w, n: ChunkPolicy(n, w, FlowSampler(), execute=0), "execute must be at least 1"),
+        (
+            lambda w, n: ChunkPolicy(ResidualMLP(16, 12), w, FlowSampler()),
+            "network has dim 16, but windows of 2 observed and 16 predicted steps need 32",
+        ),
+        (
+            lambda w, n: ChunkPolicy(VelocityMLP(32), w, FlowSampler()),
+            "network has condition_dim 0",
+        ),
+        (
+            lambda w, n: ChunkPolicy(n, w, FlowSampler()).act(np.zeros((3, 1, 5))),
+            r"history must have shape \(rows, 2, 5\)",
+        ),
+        (
+            lambda w, n: ChunkPolicy(n, w, FlowSampler()).act(np.full((3, 2, 5), np.nan)),
+            "history has NaN",
+        ),
+        (
+            lambda w, n: ChunkPolicy(n, w, FlowSampler()).act(
+                np.zeros((3, 2, 5)), noise=torch.zeros(2, 3, 32)
+            ),
+            r"noise must have shape \(1, 3, 32\)",
+        ),
+        (
+            lambda w, n: ChunkPolicy(n, w, FlowSampler(3, "midpoint")).act(np.zeros((3, 2, 5))),
+            "nfe must be divisible by 2",
+        ),
+        (lambda w, n: build("Transformer"), "kind must be ResidualMLP or TemporalUNet"),
+    ],
+)
+def test_what_does_not_fit(windows, network, make, message):
+    with pytest.raises(ValueError, match=message):
+        make(windows, network)
+
+
+def test_a_network_that_went_wrong(windows, history):
+    network = ResidualMLP(32, 12, width=8, blocks=1, seed=0)
+    with torch.no_grad():
+        network.last[-1].bias.fill_(torch.nan)
+    with pytest.raises(RuntimeError, match="not finite"):
+        ChunkPolicy(network, windows, MeanSampler()).act(history)
+
+
+def test_foreign_weights(windows, network, tmp_path):
+    with pytest.raises(FileNotFoundError):
+        ChunkPolicy.load(tmp_path / "none.safetensors")
+    save_file({"x": torch.zeros(3)}, tmp_path / "foreign.safetensors")
+    with pytest.raises(ValueError, match="damaged or was not written by cotlearn"):
+        ChunkPolicy.load(tmp_path / "foreign.safetensors")
+    from cotlearn.storage import save_tensors
+
+    save_tensors(tmp_path / "other.safetensors", {"x": torch.zeros(3)}, {})
+    with pytest.raises(ValueError, match="holds no policy"):
+        ChunkPolicy.load(tmp_path / "other.safetensors")
+    with pytest.raises(TypeError, match="only a ResidualMLP or a TemporalUNet can be saved"):
+        ChunkPolicy(VelocityMLP(32, 12), windows, FlowSampler()).save(tmp_path / "x.safetensors")

@@ -1,0 +1,250 @@
+import json
+import math
+
+import numpy as np
+import pytest
+import torch
+from typer.testing import CliRunner
+
+from cotlearn import cli
+from cotlearn.robots import benchmark
+from cotlearn.robots.benchmark import Protocol, bench, choose_weight, samplers, summarise
+from cotlearn.robots.episodes import Windows, write_lerobot
+from cotlearn.robots.policies import ChunkPolicy
+from cotlearn.robots.training import METHODS, Options, train
+
+SMALL = Options(
+    steps=20,
+    batch_size=32,
+    width=16,
+    blocks=1,
+    clusters=20,
+    ot_batch_size=64,
+    reflow_pairs=100,
+    reflow_nfe=2,
+)
+
+
+@pytest.fixture(autouse=True)
+def _little_to_score(monkeypatch):
+    monkeypatch.setattr(benchmark, "SCORED_STATES", 20)
+    monkeypatch.setattr(benchmark, "SCORED_SAMPLES", 2)
+    monkeypatch.setattr(benchmark, "FRONTIER_ROWS", 128)
+    monkeypatch.setattr(benchmark, "FACTORS", (1.0, 100.0))
+    monkeypatch.setattr(benchmark, "rollout", _short)
+
+
+def _short(policy, *, episodes, progress):
+    from cotlearn.robots.rollout import rollout
+
+    return rollout(policy, episodes=episodes, max_steps=9, progress=progress)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_trains_and_acts(episodes, method, tmp_path):
+    trained = train(
+        method, episodes, options=SMALL, checkpoint=tmp_path / "c.safetensors", progress=False
+    )
+    assert math.isfinite(trained.history["loss"][-1])
+    assert trained.seconds > 0
+    history = np.repeat(episodes.state[:3, None], 2, axis=1)
+    for sampler in samplers(method):
+        assert trained.policy.with_sampler(sampler).act(history).shape == (3, 8, 2)
+    again = train(method, episodes, options=SMALL, progress=False)
+    for a, b in zip(
+        trained.policy.network.parameters(), again.policy.network.parameters(), strict=True
+    ):
+        assert torch.equal(a, b)
+
+
+@pytest.mark.parametrize("change", [{"network": "unet"}, {"frame": "world"}, {"label": "action"}])
+def test_options(episodes, change):
+    options = Options(**{**SMALL.__dict__, "steps": 2, **change})
+    policy = train("independent", episodes, options=options, progress=False).policy
+    assert policy.windows.frame == options.frame
+    assert (type(policy.network).__name__ == "TemporalUNet") == (options.network == "unet")
+
+
+def test_more_training_is_better(episodes):
+    longer = Options(**{**SMALL.__dict__, "steps": 400, "width": 64})
+    loss = train("behaviour_cloning", episodes, options=longer, progress=False).history["loss"]
+    assert loss[-1] < 0.7 * loss[0]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda e: train("magic", e), "method must be one of independent, minibatch_ot"),
+        (lambda e: Options(steps=0), "steps must be at least 1"),
+        (lambda e: Options(network="lstm"), "network must be one of mlp, unet"),
+        (lambda e: Options(execute=17), "execute must be at most the 16 predicted"),
+        (lambda e: Options(condition_weight=-1.0), "condition_weight must be at least 0"),
+        (
+            lambda e: train("stratified", e, options=Options(steps=2, clusters=10**6)),
+            "clusters must be at most",
+        ),
+    ],
+)
+def test_bad_input(episodes, call, message):
+    with pytest.raises(ValueError, match=message):
+        call(episodes)
+
+
+def test_the_frontier_chooses_a_weight(episodes):
+    windows = Windows.fit(episodes)
+    chosen = choose_weight(windows.dataset(episodes), SMALL)
+    assert chosen["condition_weight"] > 0
+    assert len(chosen["frontier"]) == 1 + len(benchmark.FACTORS)
+    json.dumps(chosen, allow_nan=False)
+
+
+# --- the benchmark --------------------------------------------------------------------------------
+
+PROTOCOL = Protocol(options=SMALL, held_out=3, episodes=2)
+
+
+def test_bench_goes_on_and_is_summarised(episodes, tmp_path):
+    said = []
+    options = {"protocol": PROTOCOL, "progress": False, "say": said.append}
+    folder = tmp_path / "cells"
+    bench(episodes, folder=folder, methods=["independent"], seeds=[0], **options)
+    before = (folder / "independent-0.json").read_bytes()
+    methods = ["independent", "reflow", "conditional_ot", "diffusion", "behaviour_cloning"]
+    cells = bench(episodes, folder=folder, methods=methods, seeds=[0, 1], **options)
+    assert "10 cells, 1 done already" in said
+    assert (folder / "independent-0.json").read_bytes() == before
+    assert len(cells) == 10
+    assert not list((folder / "weights").glob("*training*"))
+    cell = json.loads((folder / "conditional_ot-1.json").read_text())
+    assert len(cell["samplers"]["euler-2"]["coverage"]) == 2
+    assert cell["chosen_weight"]["condition_weight"] > 0
+
+    summary = summarise(folder, tmp_path / "summary.json")
+    assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(summary))
+    rows = {(row["method"], row["sampler"]): row for row in summary["rows"]}
+    assert len(rows) == 3 * 5 + 5 + 1
+    reference = rows["independent", "euler-16"]
+    assert reference["against_reference"]["coverage"] == (0.0, 0.0, 0.0)
+    row = rows["diffusion", "ddpm-100"]
+    assert row["nfe"] == 100
+    assert len(row["coverage_of_seeds"]) == 2
+    low, high = row["coverage_interval"]
+    assert low <= row["coverage"] <= high
+
+    (folder / "reflow-1.json").unlink()  # the weights are still there: no new training
+    said.clear()
+    bench(episodes, folder=folder, methods=methods, seeds=[0, 1], **options)
+    assert not any("training" in line for line in said)
+
+
+def test_an_interrupted_bench_loses_nothing(episodes, tmp_path, monkeypatch):
+    options = {"methods": ["independent"], "seeds": [0], "progress": False, "say": print}
+    protocol = Protocol(options=Options(**{**SMALL.__dict__, "steps": 60}), held_out=3, episodes=2)
+    whole = bench(episodes, folder=tmp_path / "a", protocol=protocol, **options)[0]
+
+    from cotlearn.flows import training as loop
+
+    step, calls = loop._gradient_step, []
+
+    def interrupted(*arguments):
+        step(*arguments)
+        calls.append(1)
+        if len(calls) == 25:
+            import signal
+
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(loop, "_gradient_step", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        bench(episodes, folder=tmp_path / "b", protocol=protocol, **options)
+    assert not list((tmp_path / "b").glob("*.json"))
+    resumed = bench(episodes, folder=tmp_path / "b", protocol=protocol, **options)[0]
+    assert len(calls) == 60  # 25 and 35
+    first, second = (json.loads(cell.read_text()) for cell in (whole, resumed))
+    assert first["training"]["loss"] == second["training"]["loss"]
+    for name, scores in first["samplers"].items():
+        assert scores["coverage"] == second["samplers"][name]["coverage"]
+
+
+def test_what_does_not_belong_together(episodes, tmp_path):
+    options = {"methods": ["behaviour_cloning"], "seeds": [0], "progress": False, "say": print}
+    bench(episodes, folder=tmp_path, protocol=PROTOCOL, **options)
+    other = Protocol(options=SMALL, held_out=3, episodes=3)
+    with pytest.raises(ValueError, match=r"another protocol \(episodes\)"):
+        bench(episodes, folder=tmp_path, protocol=other, **options)
+    with pytest.raises(ValueError, match="was trained with another protocol"):
+        bench(
+            episodes,
+            folder=tmp_path / "new",
+            weights=tmp_path / "weights",
+            protocol=other,
+            **options,
+        )
+    (tmp_path / "behaviour_cloning-0.json").write_text("{")
+    with pytest.raises(ValueError, match="is damaged: delete it"):
+        bench(episodes, folder=tmp_path, protocol=PROTOCOL, **options)
+    with pytest.raises(ValueError, match="methods must be one of"):
+        bench(episodes, folder=tmp_path, methods=["magic"])
+    with pytest.raises(ValueError, match="holds no cells yet"):
+        summarise(tmp_path / "empty", tmp_path / "x.json")
+
+
+# --- the commands ---------------------------------------------------------------------------------
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(cli.app, [str(part) for part in arguments])
+
+
+@pytest.fixture(scope="module")
+def data(episodes, tmp_path_factory):
+    pytest.importorskip("pyarrow")
+    return write_lerobot(tmp_path_factory.mktemp("demonstrations") / "set", episodes)
+
+
+def test_train_push_t(data, tmp_path, monkeypatch):
+    monkeypatch.setattr("cotlearn.robots.rollout.MAX_STEPS", 5)
+    out = tmp_path / "policy.safetensors"
+    result = invoke(
+        *("train", "push-t", "--coupling", "stratified", "--steps", 3, "--batch-size", 16),
+        *("--clusters", 8, "--episodes", 5, "--data", data, "--out", out, "--rollouts", 0),
+    )
+    assert result.exit_code == 0, result.output
+    assert "5 episodes" in result.output
+    assert ChunkPolicy.load(out).windows.frame == "body"
+    assert [path.name for path in tmp_path.iterdir()] == [out.name]
+
+
+def test_bench_push_t(data, tmp_path):
+    common = ("bench", "push-t", "--steps", 2, "--batch-size", 8, "--held-out", 2, "--episodes", 2)
+    places = ("--data", data, "--folder", tmp_path / "cells", "--weights", tmp_path / "weights")
+    result = invoke(*common, *places, "--methods", "behaviour_cloning", "--seeds", "0")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "cells" / "behaviour_cloning-0.json").is_file()
+    assert (tmp_path / "cells.json").is_file()
+    again = invoke(*common, *places, "--methods", "behaviour_cloning", "--seeds", "0")
+    assert "1 cells, 1 done already" in again.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("train", "push-t", "--coupling", "magic"), "method must be one of"),
+        (("train", "push-t", "--network", "lstm"), "network must be one of mlp, unet"),
+        (("train", "push-t", "--frame", "mine"), "frame must be one of body, world"),
+        (("bench", "push-t", "--seeds", "one"), "seeds must be whole numbers"),
+        (("bench", "push-t", "--methods", "magic"), "methods must be one of"),
+    ],
+)
+def test_bad_commands(data, tmp_path, arguments, message):
+    place = ("--folder", tmp_path) if arguments[0] == "bench" else ("--out", tmp_path / "x")
+    result = invoke(*arguments, "--data", data, *place)
+    assert result.exit_code == 2
+    assert message in result.output
+    assert "Traceback" not in result.output
+
+
+def test_missing_demonstrations(tmp_path):
+    result = invoke("train", "push-t", "--data", tmp_path / "none.npz")
+    assert result.exit_code == 2
+    assert "no such file" in result.output
