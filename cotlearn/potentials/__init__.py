@@ -1,7 +1,7 @@
 """Optimal vector fields: convex potentials whose gradient is the transport map."""
 
 from cotlearn.potentials.action import ActionMLP, OptimalAction, action_matching_loss
-from cotlearn.potentials.convex import ICNN, PICNN, ConvexPotential, LogSumExp
+from cotlearn.potentials.convex import ICNN, PICNN, ConvexPotential
 from cotlearn.potentials.inversion import Inversion, InversionWarning, invert
 from cotlearn.potentials.optimal_flow import (
     OptimalField,
@@ -16,6 +16,7 @@ from cotlearn.potentials.optimal_flow import (
 from cotlearn.potentials.truth import (
     ConditionalGaussian,
     KnownMap,
+    LogSumExp,
     eight_gaussians_map,
 )
 

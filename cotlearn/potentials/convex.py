@@ -435,52 +435,6 @@ class PICNN(ConvexPotential):
         return self
 
 
-class LogSumExp(ConvexPotential):
-    """Psi(x) = alpha/2 |x|^2 + temperature log sum_i exp((<a_i, x> + b_i)/temperature), random.
-
-    Its gradient is a transport map that is known exactly: a ground truth in any dimension.
-
-    Args:
-        dim: d, columns of x.
-        pieces: number of affine pieces, a_i ~ N(0, 2/d spread^2 I) and b_i ~ N(0, spread^2).
-        spread: of the pieces; the map moves about twice this far from one to the next in any
-            dimension, and the more suddenly the colder.
-        temperature: above 0.
-        alpha: at least 0.01.
-        seed: of the pieces.
-    """
-
-    a: Tensor
-    b: Tensor
-
-    def __init__(
-        self,
-        dim: int,
-        *,
-        pieces: int = 8,
-        spread: float = 2.0,
-        temperature: float = 1.0,
-        alpha: float = 0.5,
-        seed: int = 0,
-    ) -> None:
-        super().__init__(dim)
-        self.alpha = check_number(alpha, "alpha", minimum=SMALLEST_ALPHA)
-        self.temperature = check_number(temperature, "temperature")
-        if self.temperature == 0:
-            raise ValueError("temperature must be above 0, got 0")
-        generator = torch.Generator().manual_seed(check_count(seed, "seed", minimum=0))
-        shape = (check_count(pieces, "pieces"), dim)
-        a = torch.randn(shape, generator=generator) * math.sqrt(2 / dim)
-        self.register_buffer("a", check_number(spread, "spread") * a)
-        self.register_buffer("b", spread * torch.randn(pieces, generator=generator))
-
-    def value(self, x: Tensor, c: Tensor | None) -> Tensor:
-        """Psi(x), shape (B,)."""
-        T = self.temperature
-        pieces = torch.logsumexp((x @ self.a.T + self.b) / T, dim=1)
-        return self.alpha / 2 * x.square().sum(dim=1) + T * pieces
-
-
 def _softplus(a: Tensor) -> Tensor:
     """log(1 + exp(a)); torch's own becomes a line above 20, where sigmoid is still 1 - 2e-9."""
     return softplus(a, threshold=40)
