@@ -31,7 +31,7 @@ from torch import Tensor
 from cotlearn.couplings import ConditionalOT, MinibatchOT
 
 WEIGHT = 30.0  # of the condition, in the condition-augmented problems
-ROUNDS = {128: 15, 256: 11, 512: 7, 1024: 5, 2048: 3}
+ROUNDS = {128: 15, 256: 11, 512: 7, 1024: 5, 2048: 2}
 Batch = tuple[Tensor, Tensor, Tensor]
 
 

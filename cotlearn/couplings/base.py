@@ -230,12 +230,16 @@ def generator_for(seed: int, number: int, purpose: int = 0) -> torch.Generator:
 
 
 def squared_distances(first: Tensor, second: Tensor) -> NDArray[np.float64]:
-    """|a_i - b_j|^2 for all rows, float64, shape (len(first), len(second)).
+    """|a_i - b_j|^2 for all rows, float64, shape (len(first), len(second))."""
+    return array_distances(to_numpy(first), to_numpy(second))
+
+
+def array_distances(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`squared_distances` of arrays.
 
     In many dimensions by a matrix product, and again without it where rows are so near each other
     that the product would lose digits; equal rows have distance 0 either way.
     """
-    a, b = to_numpy(first), to_numpy(second)
     distances: NDArray[np.float64]
     if a.shape[1] < MANY_DIMENSIONS:
         distances = cdist(a, b, "sqeuclidean")

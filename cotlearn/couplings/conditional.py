@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Match, squared_distances, to_numpy
+from cotlearn.couplings.base import Coupling, Match, array_distances, squared_distances, to_numpy
 from cotlearn.couplings.optimal import MinibatchOT
 from cotlearn.validation import check_choice, check_condition, check_number, check_same_rows
 
@@ -140,23 +140,24 @@ class ConditionalOT(Coupling):
         self, x0: Tensor, x1: Tensor, c: Tensor, own: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         """|x0_i - x1_j|^2 + w C(c0_i, c_j), shape (B, B), with c0 = c[own]."""
-        c = c.double()
-        c0 = c[torch.from_numpy(own)]
         with np.errstate(over="ignore"):
             if isinstance(self.condition_weight, str):
+                c0 = c[torch.from_numpy(own)]
                 sample_cost, condition_cost = squared_distances(x0, x1), self.condition_cost(c0, c)
                 weight = self.weight(sample_cost, condition_cost, own)
                 cost = weight * condition_cost
                 cost += sample_cost
                 mean = float(sample_cost.mean())
             else:  # the distance of the rows with sqrt(w) c appended: one matrix instead of three
-                weight, scale = self.condition_weight, math.sqrt(self.condition_weight)
-                cost = squared_distances(
-                    torch.cat([x0.double(), scale * c0], dim=1),
-                    torch.cat([x1.double(), scale * c], dim=1),
+                weight = self.condition_weight
+                noise, data = to_numpy(x0), to_numpy(x1)
+                heavy = math.sqrt(weight) * to_numpy(c)
+                cost = array_distances(
+                    np.concatenate([noise, heavy[own]], axis=1),
+                    np.concatenate([data, heavy], axis=1),
                 )
                 some = slice(None, None, max(1, len(x0) // 64))
-                mean = float(squared_distances(x0[some], x1[some]).mean())
+                mean = float(array_distances(noise[some], data[some]).mean())
         largest = float(cost.max())
         if not math.isfinite(largest):
             raise ValueError(
