@@ -194,7 +194,7 @@ def test_optimal_action_matching_trains_to_the_map():
         OptimalAction(net),
         data,
         Independent(),
-        steps=300,
+        steps=200,
         batch_size=128,
         learning_rate=3e-2,
         loss=action_matching_loss,
