@@ -14,6 +14,12 @@ from cotlearn.plots.pairs import pair_lines, paired_source, source_given_conditi
 from cotlearn.plots.paths import trajectories, velocity_field
 from cotlearn.plots.points import scatter
 from cotlearn.plots.potentials import contours, net, outlines
+from cotlearn.plots.push_t import (
+    push_t_animation,
+    push_t_chunks,
+    push_t_episode,
+    push_t_state,
+)
 from cotlearn.plots.results import beside_published
 from cotlearn.plots.style import (
     COLORS,
@@ -60,6 +66,10 @@ __all__ = [
     "pair_lines",
     "paired_source",
     "panels",
+    "push_t_animation",
+    "push_t_chunks",
+    "push_t_episode",
+    "push_t_state",
     "scatter",
     "source_given_condition",
     "style_of",

@@ -146,6 +146,15 @@ def test_the_same_seed_gives_the_same_episode(expert):
     assert not np.array_equal(first.action[:5], expert.episode(4).action[:5])
 
 
+def test_an_episode_can_start_anywhere(expert):
+    """Then the seed is of the choices alone."""
+    first, second = (expert.episode(seed, state=start(3)) for seed in (1, 2))
+    assert tuple(first.state[0]) == tuple(second.state[0]) == Simulation(start(3)).state
+    assert not np.array_equal(first.action[:5], second.action[:5])
+    with pytest.raises(ValueError, match="5 finite numbers"):
+        expert.episode(1, state=[1, 2, 3])
+
+
 def test_demonstrations_are_multimodal(expert):
     """From the same state the next push may be on several sides of the T."""
     sides = np.array([expert.first_sides(start(seed)) for seed in range(60)])

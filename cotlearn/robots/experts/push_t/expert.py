@@ -96,13 +96,15 @@ class PushTExpert:
         self._place = self._place.ravel()
         self._routes = Routes(starts)
 
-    def episode(self, seed: int) -> Episode:
+    def episode(self, seed: int, *, state: ArrayLike | None = None) -> Episode:
         """Demonstrates one episode.
 
         Args:
             seed: of the start, as in `env.reset(seed=seed)`, and of all choices.
+            state: (5,), where to start instead; then the seed is of the choices alone.
         """
-        world = Simulation(random_state(np.random.default_rng(seed)))
+        start = random_state(np.random.default_rng(seed)) if state is None else state
+        world = Simulation(start)
         generator = np.random.default_rng([seed, 1])
         states, actions, intentions = [], [], []
         for target in self._targets(world, generator):

@@ -1,0 +1,66 @@
+"""The mistakes that learners make in notebook 07 get a sentence that helps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cotlearn.homework import Verdict, check
+
+
+def turn(points, angle):
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.stack(
+        [cos * points[:, 0] - sin * points[:, 1], sin * points[:, 0] + cos * points[:, 1]], 1
+    )
+
+
+def entropy(p):
+    p = p[p > 0]
+    return -(p * np.log(p)).sum()
+
+
+def naive(p):
+    with np.errstate(all="ignore"):
+        return np.exp(-(p * np.log(p)).sum())
+
+
+WRONG = [
+    ("07.perplexity", entropy, "exp of it"),
+    ("07.perplexity", lambda p: np.exp(-entropy(p)), "minus sign"),
+    ("07.perplexity", lambda p: np.exp(entropy(p) / np.log(2)), "log2"),
+    ("07.perplexity", naive, "leave the zeros out"),
+    ("07.perplexity", lambda p: (p > 0).sum(), "rare ones"),
+    ("07.perplexity", lambda p: 1 / (p**2).sum(), "another count"),
+    ("07.perplexity", lambda p: np.exp(-np.log(p[p > 0]).sum()), "weighted by its p"),
+    ("07.perplexity", lambda p: 7.0, "expected 2"),
+    ("07.perplexity", lambda p: p, "one number"),
+    ("07.perplexity", 2.0, "expected a function"),
+    ("07.to_body", lambda x, pose: x - pose[:2], "not turned"),
+    ("07.to_body", lambda x, pose: turn(x - pose[:2], pose[2]), "the wrong way"),
+    ("07.to_body", lambda x, pose: turn(x, -pose[2]) - pose[:2], "then turn"),
+    ("07.to_body", lambda x, pose: turn(x, -pose[2]), "place first"),
+    ("07.to_body", lambda x, pose: turn(x, pose[2]) + pose[:2], "to the world"),
+    ("07.to_body", lambda x, pose: turn(pose[:2] - x, -pose[2]), "point minus place"),
+    ("07.to_body", lambda x, pose: x * 0 + 9, "should become"),
+    ("07.to_body", lambda x, pose: x[0], "shape (3, 2)"),
+    ("07.to_body", lambda x, pose: "here", "array of points"),
+    ("07.to_body", "here", "expected a function"),
+]
+
+
+@pytest.mark.parametrize(("name", "answer", "hint"), WRONG)
+def test_a_mistake_gets_a_hint(name, answer, hint, capsys):
+    assert check(answer, name) is Verdict.NOT_YET
+    assert hint in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "answer"),
+    [
+        ("07.perplexity", lambda p: 2 ** -(p * np.log2(np.maximum(p, 1e-300))).sum()),
+        ("07.to_body", lambda x, pose: turn(x - pose[:2], -pose[2])),
+    ],
+)
+def test_other_right_answers_count(name, answer):
+    assert check(answer, name) is Verdict.CORRECT
