@@ -303,7 +303,7 @@ def train_push_t(
     )
     if rollouts:
         table = Table("sampler", "coverage", "above 0.90", "above 0.95", "ms a chunk", box=None)
-        for sampler in benchmark.samplers(coupling):
+        for sampler in benchmark.samplers(trained.policy):
             policy = trained.policy.with_sampler(sampler)
             scores = rollout(policy, episodes=rollouts).summary()
             numbers = [f"{scores[name]:.3f}" for name in ("coverage", "success_90", "success_95")]

@@ -69,13 +69,15 @@ class Protocol:
             check_count(self.train_episodes, "train_episodes")
 
 
-def samplers(method: str) -> list[Sampler]:
-    """The ways in which a policy of this method is drawn from."""
-    if method == "behaviour_cloning":
-        return [MeanSampler()]
-    if method == "diffusion":
-        few = [DDIMSampler(nfe, spacing=s) for nfe in (4, 16) for s in ("leading", "trailing")]
-        return [DDPMSampler(), *few]
+def samplers(policy: ChunkPolicy) -> list[Sampler]:
+    """The ways in which a policy is drawn from, in the family of its own sampler."""
+    own = policy.sampler
+    if isinstance(own, MeanSampler):
+        return [own]
+    if isinstance(own, DDPMSampler):
+        spacings = ("leading", "trailing")
+        few = [DDIMSampler(n, own.levels, s, own.clip) for n in (4, 16) for s in spacings]
+        return [own, *few]
     return [*(FlowSampler(nfe) for nfe in (1, 2, 4, 16)), FlowSampler(2, "midpoint")]
 
 
@@ -340,7 +342,7 @@ def _cell(
             file.unlink()
     data = policy.windows.dataset(held, label=_label(held, options))
     scores = {}
-    for sampler in samplers(method):
+    for sampler in samplers(policy):
         drawn = policy.with_sampler(sampler)
         scores[sampler.name] = evaluate(drawn, data, episodes=protocol.episodes, progress=progress)
     extra = {} if chosen is None else {"chosen_weight": chosen}
@@ -360,6 +362,7 @@ def _dataset(training: Episodes, options: Options) -> Dataset:
         predict=options.predict,
         frame=options.frame,
         label=label,
+        scale=options.scale,
     )
     return windows.dataset(training, label=label)
 

@@ -49,9 +49,15 @@ class FlowSampler:
 
 @dataclass(frozen=True)
 class DDPMSampler:
-    """The ancestral chain of a diffusion model, one evaluation for each level."""
+    """The ancestral chain of a diffusion model, one evaluation for each level.
+
+    Attributes:
+        levels: of noise.
+        clip: largest value of a chunk, as the network sees it (see `Diffusion`).
+    """
 
     levels: int = 100
+    clip: float = 1.0
 
     @property
     def draws(self) -> int:
@@ -70,7 +76,7 @@ class DDPMSampler:
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) from noise (levels, B, d) under conditions c (B, k)."""
-        return Diffusion(self.levels).ddpm(network, noise[0], c, noise=noise[1:])
+        return Diffusion(self.levels, clip=self.clip).ddpm(network, noise[0], c, noise=noise[1:])
 
 
 @dataclass(frozen=True)
@@ -80,6 +86,7 @@ class DDIMSampler:
     nfe: int = 16
     levels: int = 100
     spacing: str = "leading"
+    clip: float = 1.0
 
     draws = 1
 
@@ -90,7 +97,9 @@ class DDIMSampler:
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
-        return Diffusion(self.levels).ddim(network, noise[0], c, nfe=self.nfe, spacing=self.spacing)
+        return Diffusion(self.levels, clip=self.clip).ddim(
+            network, noise[0], c, nfe=self.nfe, spacing=self.spacing
+        )
 
 
 @dataclass(frozen=True)

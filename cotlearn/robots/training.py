@@ -71,6 +71,7 @@ class Options:
         blocks: of the MLP.
         frame: "body" or "world", see `Windows`.
         label: "intention" or "action", see `Windows.dataset`.
+        scale: "deviation" or "range", see `Windows.fit`.
         observe: steps that a policy sees.
         predict: steps of a chunk.
         execute: steps that are done of it.
@@ -90,6 +91,7 @@ class Options:
     blocks: int = 4
     frame: str = "body"
     label: str = "intention"
+    scale: str = "deviation"
     observe: int = 2
     predict: int = 16
     execute: int = 8
@@ -163,6 +165,7 @@ def train(
         predict=options.predict,
         frame=options.frame,
         label=options.label,
+        scale=options.scale,
     )
     data = windows.dataset(episodes, label=options.label)
     network = make_network(windows, seed=seed, options=options)
@@ -184,7 +187,12 @@ def train(
         coupling, loss, seconds = coupling_for(method, options), _LOSSES.get(method), 0.0
         result = _fit(network, data, coupling, loss, seed, options, place, progress)
     seconds += float(result.history["seconds"][-1])
-    policy = ChunkPolicy(result.network, windows, sampler_for(method), execute=options.execute)
+    policy = ChunkPolicy(
+        result.network,
+        windows,
+        sampler_for(method, float(data.x1.abs().max())),
+        execute=options.execute,
+    )
     parameters = sum(p.numel() for p in result.network.parameters())
     return Trained(policy, result.history, seconds, parameters)
 
@@ -216,11 +224,11 @@ def coupling_for(method: str, options: Options) -> Coupling:
     return Independent()
 
 
-def sampler_for(method: str) -> Sampler:
-    """How a policy of this method is drawn from at its best."""
+def sampler_for(method: str, clip: float) -> Sampler:
+    """How a policy of this method is drawn from at its best; diffusion keeps within clip."""
     if method == "behaviour_cloning":
         return MeanSampler()
-    return DDPMSampler() if method == "diffusion" else FlowSampler(nfe=16)
+    return DDPMSampler(clip=clip) if method == "diffusion" else FlowSampler(nfe=16)
 
 
 def _fit(

@@ -122,7 +122,7 @@ def test_foreign_and_damaged_files(episodes, tmp_path):
 
 
 def test_windows_by_hand(episodes):
-    windows = Windows.fit(episodes, frame="world")
+    windows = Windows.fit(episodes, frame="world", scale="range")
     history, actions = windows.cut(episodes)
     assert history.shape == (len(episodes.state), 2, 5)
     assert actions.shape == (len(episodes.state), 16, 2)
@@ -139,6 +139,16 @@ def test_windows_by_hand(episodes):
         assert values.max() == pytest.approx(1, abs=1e-6)
     low, high = windows.action_range
     assert np.allclose((data.x1[first, :2].numpy() + 1) / 2 * (high - low) + low, actions[first, 0])
+
+
+def test_the_deviation_as_scale(episodes):
+    data = Windows.fit(episodes).dataset(episodes)
+    c = data.c.reshape(-1, 6)
+    assert torch.allclose(c.mean(dim=0), torch.zeros(6), atol=1e-5)
+    assert torch.allclose(c.std(dim=0), torch.ones(6), atol=1e-3)
+    x1 = data.x1.reshape(-1, 2)
+    assert torch.allclose(x1.mean(dim=0), torch.zeros(2), atol=1e-5)
+    assert torch.allclose(x1.std(dim=0), torch.ones(2), atol=1e-3)
 
 
 @pytest.mark.parametrize("frame", ["body", "world"])
@@ -201,6 +211,7 @@ def test_windows_survive_json(episodes):
             r"actions must have shape \(3, 16, 2\)",
         ),
         (lambda w, e: Windows.fit(e, frame="agent"), ValueError, "frame must be one of body"),
+        (lambda w, e: Windows.fit(e, scale="unit"), ValueError, "scale must be one of deviation"),
         (lambda w, e: Windows.fit(e, predict=0), ValueError, "predict must be at least 1"),
         (
             lambda w, e: w.dataset(replace(e, intention=None), label="intention"),
@@ -343,5 +354,5 @@ def test_any_constant_column_becomes_zero():
     state = np.tile([100.0, 100.0, 200.0, 200.0, 0.5], (30, 1))
     still = Episodes(state, state[:, :2], np.array([30]))
     data = Windows.fit(still).dataset(still)
-    assert (data.c == 0).all()
-    assert (data.x1 == 0).all()
+    assert torch.allclose(data.c, torch.zeros(30, 12), atol=1e-6)
+    assert torch.allclose(data.x1, torch.zeros(30, 32), atol=1e-6)

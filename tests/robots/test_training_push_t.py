@@ -48,7 +48,7 @@ def test_every_method_trains_and_acts(episodes, method, tmp_path):
     assert math.isfinite(trained.history["loss"][-1])
     assert trained.seconds > 0
     history = np.repeat(episodes.state[:3, None], 2, axis=1)
-    for sampler in samplers(method):
+    for sampler in samplers(trained.policy):
         assert trained.policy.with_sampler(sampler).act(history).shape == (3, 8, 2)
     again = train(method, episodes, options=SMALL, progress=False)
     for a, b in zip(

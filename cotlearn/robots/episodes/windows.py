@@ -17,6 +17,7 @@ from cotlearn.validation import check_choice, check_count
 
 FRAMES = ("body", "world")
 LABELS = ("action", "intention")
+SCALES = ("deviation", "range")
 FEATURES = 6  #: of one observed step
 
 
@@ -24,8 +25,9 @@ FEATURES = 6  #: of one observed step
 class Windows:
     """How episodes become rows (x1, c) and how a row becomes actions again.
 
-    c is the flattened history of observations, x1 the flattened chunk of actions, each scaled to
-    [-1, 1] by the range in the training set. In the frame "body" an observed step is the agent's
+    c is the flattened history of observations, x1 the flattened chunk of actions, each coordinate
+    scaled so that an interval of the training set's becomes [-1, 1]: its mean -+ its standard
+    deviation, or its whole range. In the frame "body" an observed step is the agent's
     place, the goal's place, and the cosine and sine of the goal's angle, all seen from the T of
     that step; actions are seen from the T of the last one. In the frame "world" it is the agent's
     place, the T's place, and the cosine and sine of its angle. Make one with `Windows.fit`.
@@ -34,8 +36,8 @@ class Windows:
         observe: steps that a policy sees, the present one last.
         predict: steps of a chunk, the present one first.
         frame: "body" or "world".
-        observation_range: (2, 6), smallest and largest value of each feature.
-        action_range: (2, 2), smallest and largest value of each coordinate.
+        observation_range: (2, 6), the values of each feature that become -1 and 1.
+        action_range: (2, 2), the values of each coordinate that become -1 and 1.
     """
 
     observe: int
@@ -65,8 +67,9 @@ class Windows:
         predict: int = 16,
         frame: str = "body",
         label: str = "action",
+        scale: str = "deviation",
     ) -> Windows:
-        """Takes the ranges from the windows of training episodes.
+        """Takes the scale from the windows of training episodes.
 
         Args:
             episodes: to train on.
@@ -74,13 +77,17 @@ class Windows:
             predict: steps of a chunk.
             frame: "body" or "world".
             label: as in `dataset`.
+            scale: "deviation" gives every coordinate mean 0 and variance 1, as the noise has;
+                "range" fills [-1, 1], as Diffusion Policy does. Seen from the T, actions are
+                mostly near and rarely far, and the range leaves them a seventh of the noise.
         """
+        check_choice(scale, "scale", SCALES)
         unit = cls(observe, predict, frame, *(np.array([[-1.0] * n, [1.0] * n]) for n in (6, 2)))
         history, actions = unit.cut(episodes, label=label)
         seen = unit._features(history).reshape(-1, FEATURES)
         wanted = unit._into_frame(actions, history).reshape(-1, 2)
-        ranges = (np.array([values.min(axis=0), values.max(axis=0)]) for values in (seen, wanted))
-        return cls(observe, predict, frame, *ranges)
+        ends = _deviation if scale == "deviation" else _range
+        return cls(observe, predict, frame, ends(seen), ends(wanted))
 
     @property
     def dim(self) -> int:
@@ -196,6 +203,16 @@ class Windows:
             return actions
         pose = history[:, -1:, 2:]
         return _turn(actions - pose[..., :2], -pose[..., 2])
+
+
+def _range(values: Array) -> Array:
+    return np.array([values.min(axis=0), values.max(axis=0)])
+
+
+def _deviation(values: Array) -> Array:
+    varies = values.min(axis=0) < values.max(axis=0)  # whatever rounding says
+    mean, deviation = values.mean(axis=0), np.where(varies, values.std(axis=0), 0.0)
+    return np.array([mean - deviation, mean + deviation])
 
 
 def _turn(points: Array, angle: Array) -> Array:
