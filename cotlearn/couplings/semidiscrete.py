@@ -53,10 +53,13 @@ class SemidiscreteOT(Coupling):
     1e11 heights (N/K for each draw; minutes). The step falls geometrically, from a share of the
     spread of all costs to a share of the costs between neighbouring rows, because a single draw
     must at first carry a row far and in the end not past its neighbours; the last 30 % of the
-    steps are averaged. Measured, with the CPU seconds of the fit and as the excess
-    sqrt(marginal_error^2 - marginal_floor^2): N = 1e3 in 2 to 32 dimensions .05 to .06 (1 s), the
-    digits .05 (4 s), N = 1e4 in 2 dimensions .05 to .07 (30 s), N = 1e5 with 64 clusters in 2
-    dimensions .09 (140 s, less since clusters are searched faster).
+    steps are averaged.
+
+    Measured as the excess sqrt(marginal_error^2 - marginal_floor^2), with the CPU seconds of the
+    fit: N = 1e3 in 2 to 32 dimensions .05 to .06 (1 s); the digits, 64 dimensions, .05 (4 s);
+    N = 1e4 in 2 dimensions .06 to .07 (25 to 29 s); N = 2e4 in 2 clusters .09, in 64 clusters .06;
+    N = 1e5 in 64 clusters, 2 dimensions .09 (a step now takes 10 ms, in 32 dimensions 20 ms, and
+    there are 6,400). Larger N without clusters, or in many dimensions, was not measured.
 
     Args:
         condition_weight: w, at least 0.
