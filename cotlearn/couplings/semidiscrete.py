@@ -36,7 +36,7 @@ DRAWS_PER_ROW = 200  #: noise rows that a fit draws for each row of the data
 FEWEST_STEPS = 500  #: of a fit to few rows
 LARGEST_SEARCH = 1e11  #: heights that a fit looks at by default, at most
 FIRST_STEP, LAST_STEP = 0.05, 0.1  #: of the spread of costs, and of the costs between neighbours
-HEIGHTS_AT_ONCE = 300_000  #: what the processor's cache holds
+HEIGHTS_AT_ONCE, POINTS_AT_ONCE = 300_000, 4096  #: what the processor's cache holds
 AVERAGED = 0.3  #: the last share of the steps, whose mean is the potential
 
 
@@ -295,9 +295,7 @@ class SemidiscreteOT(Coupling):
             group, points = self._groups[k], self._points[k]
             # |f - F_j|^2 - phi_j without |f|^2, which is the same for every j
             height = self._squares[k] - self._phi[group]
-            for part in rows.split(max(8, HEIGHTS_AT_ONCE // len(group))):
-                costs = torch.addmm(height, queries[part], points.T, alpha=-2)
-                chosen[part] = group[costs.argmin(dim=1)]
+            chosen[rows] = group[_lowest(queries[rows], points, height)]
         return chosen
 
     def _features(self, x: Tensor, own: Tensor) -> Tensor:
@@ -388,3 +386,19 @@ class SemidiscreteOT(Coupling):
 def _sizes(total: int, largest: int) -> Iterator[int]:
     for done in range(0, total, largest):
         yield min(largest, total - done)
+
+
+def _lowest(queries: Tensor, points: Tensor, height: Tensor) -> Tensor:
+    """argmin_j height_j - 2 <query_i, point_j>, in blocks that stay in the processor's cache."""
+    chosen = torch.zeros(len(queries), dtype=torch.long)
+    lowest = torch.full((len(queries),), math.inf, dtype=queries.dtype)
+    at_once = min(len(points), POINTS_AT_ONCE)
+    for start in range(0, len(points), at_once):
+        block = slice(start, start + at_once)
+        for part in torch.arange(len(queries)).split(HEIGHTS_AT_ONCE // at_once):
+            costs = torch.addmm(height[block], queries[part], points[block].T, alpha=-2)
+            value, index = costs.min(dim=1)
+            lower = value < lowest[part]
+            lowest[part] = torch.where(lower, value, lowest[part])
+            chosen[part] = torch.where(lower, index + start, chosen[part])
+    return chosen
