@@ -70,7 +70,7 @@ class VelocityMLP(_Network):
         super().__init__(dim, condition_dim)
         check_count(width, "width")
         sizes = [1 + dim + condition_dim] + [width] * check_count(depth, "depth")
-        with _seeded(seed):
+        with seeded(seed):
             hidden = [
                 layer
                 for before, after in itertools.pairwise(sizes)
@@ -138,7 +138,7 @@ class ResidualMLP(_Network):
         check_count(width, "width")
         check_count(context, "context")
         self.time = TimeFeatures(_TIME_FEATURES)
-        with _seeded(seed):
+        with seeded(seed):
             self.context = nn.Sequential(
                 nn.Linear(_TIME_FEATURES + condition_dim, context), nn.SiLU()
             )
@@ -215,7 +215,7 @@ class TemporalUNet(_Network):
         self.widths, self.kernel = tuple(widths), kernel
         self.time = TimeFeatures(_TIME_FEATURES)
         below = list(itertools.pairwise(widths))
-        with _seeded(seed):
+        with seeded(seed):
             self.context = nn.Sequential(
                 nn.Linear(_TIME_FEATURES + condition_dim, context), nn.Mish()
             )
@@ -269,7 +269,7 @@ def _convolution(before: int, after: int, kernel: int) -> nn.Sequential:
 
 
 @contextlib.contextmanager
-def _seeded(seed: int | None) -> Iterator[None]:
+def seeded(seed: int | None) -> Iterator[None]:
     """Draw from a seed of one's own, and leave the global randomness as it was."""
     if seed is None:
         yield

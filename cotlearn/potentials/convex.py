@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
-from cotlearn.flows.networks import _seeded as seeded
+from cotlearn.flows.networks import seeded
 from cotlearn.gaussian import bures_map
 from cotlearn.validation import (
     check_condition,

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import nn
 
 from cotlearn.couplings import (
     ConditionalOT,
@@ -20,11 +17,10 @@ from cotlearn.couplings import (
     Independent,
     MinibatchOT,
     ModelAligned,
-    Pairs,
-    Source,
     StratifiedOT,
 )
 from cotlearn.couplings.base import generator_for
+from cotlearn.couplings.reflow import MadePairs
 from cotlearn.datasets import Dataset
 from cotlearn.flows.diffusion import Diffusion, regression_loss
 from cotlearn.flows.matching import Loss, conditional_flow_matching_loss
@@ -39,7 +35,7 @@ from cotlearn.robots.policies import (
     MeanSampler,
     Sampler,
 )
-from cotlearn.validation import check_choice, check_count, check_number, check_same_rows
+from cotlearn.validation import check_choice, check_count, check_number
 
 #: name: what it is
 METHODS = {
@@ -255,38 +251,6 @@ def _fit(
         checkpoint=checkpoint,
         progress=progress,
     )
-
-
-class MadePairs(Coupling):
-    """Pairs that were made once: row i of the noise belongs to row i of the data.
-
-    Args:
-        x0: (N, d), the noise of the N rows of the data.
-    """
-
-    name = "reflow"
-    solves = False
-
-    def __init__(self, x0: Tensor) -> None:
-        self._x0 = x0
-
-    def stream(
-        self,
-        data: Any,
-        *,
-        batch_size: int,
-        ot_batch_size: int | None = None,
-        source: Source | None = None,
-        generator: torch.Generator | None = None,
-        start: int = 0,
-    ) -> Iterator[Pairs]:
-        """Yields batches of rows drawn with replacement."""
-        check_same_rows(self._x0, "x0", data.x1, "x1 of the data")
-        seed = torch.initial_seed() if generator is None else generator.initial_seed()
-        for number in itertools.count(start):
-            rng = generator_for(seed, number)
-            rows = torch.randint(len(data), (batch_size,), generator=rng)
-            yield Pairs(self._x0[rows], data.x1[rows], data.c[rows], rows, rows)
 
 
 def _reflow(

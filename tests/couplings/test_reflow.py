@@ -8,6 +8,8 @@ import torch
 
 from cotlearn import mixtures
 from cotlearn.couplings import Reflow
+from cotlearn.couplings.reflow import MadePairs
+from cotlearn.datasets import Dataset
 from cotlearn.flows import VelocityMLP, conditional_flow_matching_loss, integrate
 
 
@@ -91,3 +93,16 @@ def test_rows_and_candidates():
 def test_bad_teachers(teacher, error, message):
     with pytest.raises(error, match=message):
         Reflow(teacher)(*batch())
+
+
+def test_made_pairs_keep_their_partners():
+    x0, x1, c = torch.randn(40, 2), torch.randn(40, 3)[:, :2], torch.randn(40, 1)
+    stream = MadePairs(x0).stream(
+        Dataset(x1, c), batch_size=16, generator=torch.Generator().manual_seed(0)
+    )
+    pairs = next(stream)
+    assert torch.equal(pairs.x0, x0[pairs.source_index])
+    assert torch.equal(pairs.x1, x1[pairs.source_index])
+    assert torch.equal(pairs.c, c[pairs.source_index])
+    with pytest.raises(ValueError, match="x0 has 40 rows"):
+        next(MadePairs(x0).stream(Dataset(x1[:30], c[:30]), batch_size=16))
