@@ -246,7 +246,7 @@ def _nearest(rows: Tensor, centroids: Tensor) -> Tensor:
 def _k_means(rows: Any, clusters: int, seed: int) -> Any:
     """Centroids by k-means++; for very many rows they are found on a sample of them."""
     rng = np.random.default_rng(seed)
-    most = max(50_000, 64 * clusters)
+    most = max(50_000, 16 * clusters)
     if len(rows) > most:
         rows = rows[rng.choice(len(rows), most, replace=False)]
     with warnings.catch_warnings():
