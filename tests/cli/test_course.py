@@ -1,4 +1,3 @@
-import subprocess
 import sys
 from pathlib import Path
 
@@ -8,6 +7,7 @@ from nbformat.v4 import new_code_cell, new_notebook
 from typer.testing import CliRunner
 
 from cotlearn import assets, cli, doctor
+from cotlearn.cli import course
 
 
 def invoke(*arguments):
@@ -67,14 +67,14 @@ def launched(monkeypatch):
     """Records the command that would start JupyterLab."""
     commands = []
     monkeypatch.setattr(
-        cli.subprocess, "call", lambda command, env: commands.append((command, env)) or 0
+        course.subprocess, "call", lambda command, env: commands.append((command, env)) or 0
     )
     return commands
 
 
 def test_lab_in_a_checkout_opens_the_notebooks_in_place(launched, monkeypatch):
-    monkeypatch.setattr(cli, "_has_display", lambda: False)
-    monkeypatch.setattr(cli.os, "geteuid", lambda: 0, raising=False)
+    monkeypatch.setattr(course, "_has_display", lambda: False)
+    monkeypatch.setattr(course.os, "geteuid", lambda: 0, raising=False)
     result = invoke("lab", "--port", "9999")
     assert result.exit_code == 0, result.output
     (command, environment), *_ = launched
@@ -88,9 +88,9 @@ def test_lab_in_a_checkout_opens_the_notebooks_in_place(launched, monkeypatch):
 
 
 def test_lab_with_a_display_opens_a_browser(monkeypatch):
-    monkeypatch.setattr(cli, "_has_display", lambda: True)
-    monkeypatch.setattr(cli.os, "geteuid", lambda: 1000, raising=False)
-    options = cli.lab_options(Path("/some where"), "00.ipynb", [])
+    monkeypatch.setattr(course, "_has_display", lambda: True)
+    monkeypatch.setattr(course.os, "geteuid", lambda: 1000, raising=False)
+    options = course.lab_options(Path("/some where"), "00.ipynb", [])
     expected = ["--ServerApp.root_dir=/some where", "--LabApp.default_url=/lab/tree/00.ipynb"]
     assert options == expected
 
@@ -109,7 +109,7 @@ def test_lab_from_a_wheel_copies_once(launched, tmp_path, monkeypatch):
 
 
 def test_lab_without_jupyterlab_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(cli.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(course.importlib.util, "find_spec", lambda name: None)
     result = invoke("lab")
     assert result.exit_code == 2
     assert "pip install 'cotlearn[course]'" in result.output
@@ -150,12 +150,3 @@ def test_doctor_looks_at_this_machine():
     assert doctor.check_matplotlib().ok
     assert doctor.check_processor().ok
     assert "GB free" in doctor.check_disk().found
-
-
-def test_the_module_is_the_command_and_starts_without_torch():
-    code = "import sys, cotlearn.cli; sys.exit('torch' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-    done = subprocess.run(
-        [sys.executable, "-m", "cotlearn", "--help"], capture_output=True, text=True, check=True
-    )
-    assert all(name in done.stdout for name in ("lab", "run", "doctor"))

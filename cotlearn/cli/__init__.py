@@ -1,0 +1,32 @@
+"""The command `cotlearn`: open the course, run notebooks, make demonstrations, train policies.
+
+One file holds one group of commands. None imports torch before a command that needs it runs.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from cotlearn.cli import bench, course, demos, train
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_show_locals=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="A hands-on course on couplings for conditional flow matching.",
+)
+app.add_typer(course.app)
+app.add_typer(demos.app, name="demos")
+app.add_typer(train.app, name="train")
+app.add_typer(bench.app, name="bench")
+
+
+def main() -> None:
+    """Runs the command."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a Windows console may not know the tick of "✓"
+            stream.reconfigure(errors="replace")
+    app()

@@ -1,0 +1,34 @@
+import subprocess
+import sys
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from cotlearn import cli
+
+
+def test_the_module_is_the_command_and_starts_without_torch():
+    code = "import sys, cotlearn.cli; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    done = subprocess.run(
+        [sys.executable, "-m", "cotlearn", "--help"], capture_output=True, text=True, check=True
+    )
+    assert all(name in done.stdout for name in ("lab", "run", "doctor", "bench"))
+
+
+@pytest.mark.parametrize("group", ["demos", "train", "bench"])
+def test_a_group_alone_lists_its_commands(group):
+    result = CliRunner().invoke(cli.app, [group])
+    assert "push-t" in result.output
+
+
+def test_what_several_commands_say(capsys):
+    with pytest.raises(typer.Exit) as stopped:
+        cli.terminal.stop_missing("mujoco")
+    assert stopped.value.exit_code == 2
+    assert "mujoco is not installed; install it with: pip install 'cotlearn[course]'" in (
+        capsys.readouterr().err
+    )
+    with pytest.raises(ValueError, match="seeds must be whole numbers with commas between"):
+        cli.policies.numbers("1,two", "seeds")
