@@ -1,6 +1,8 @@
+import gc
 import hashlib
 import json
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -158,6 +160,18 @@ def test_damaged_and_foreign_files(quick, tmp_path, damage, message):
     with pytest.raises((ValueError, FileNotFoundError), match=message) as caught:
         recording.load(path)
     assert str(path) in str(caught.value)
+
+
+def test_a_truncated_file_is_closed_again(quick, tmp_path):
+    path = tmp_path / "a.npz"
+    make(path)
+    path.write_bytes(path.read_bytes()[:-200])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ResourceWarning)
+        with pytest.raises(ValueError, match="damaged"):
+            recording.load(path)
+        gc.collect()
+    assert not [str(warning.message) for warning in caught]
 
 
 def flip(path):
