@@ -1,11 +1,20 @@
-"""Finds the notebooks and data of the course by name, in a checkout or an installed wheel."""
+"""Finds the notebooks and data of the course by name, in a checkout or an installed wheel.
+
+Data files are compared with the SHA-256 sums in `data/SHA256SUMS` when they are found. After a
+change of the data, `python -m cotlearn.assets` writes that file anew.
+"""
 
 from __future__ import annotations
 
 import difflib
+import hashlib
 import re
 import shutil
+from functools import cache
 from pathlib import Path
+
+#: In the folder `data/`: one line a file, in the format of the program `sha256sum`.
+SUMS = "SHA256SUMS"
 
 _PACKAGE = Path(__file__).resolve().parent
 _NUMBERED = re.compile(r"\d\d_.*\.ipynb")
@@ -58,23 +67,84 @@ def find_notebook(name: str) -> Path:
 
 
 def find_data(name: str) -> Path:
-    """Finds a file of the course's `data/` folder.
+    """Finds a file of the course's `data/` folder, and checks that it is whole.
 
     Args:
         name: The path relative to `data/`, with forward slashes.
 
     Returns:
-        The path of an existing file.
+        The path of an existing file. It has the SHA-256 that `data/SHA256SUMS` gives, if it is
+        listed there: demonstrations and weights are, results and texts are not.
 
     Raises:
-        ValueError: If there is no such file or `name` leads out of the folder.
+        ValueError: If there is no such file, `name` leads out of the folder, or the file is
+            damaged.
     """
-    folder = (course_folder() / "data").resolve()
+    folder = data_folder()
     path = (folder / name).resolve()
     if path.is_file() and path.is_relative_to(folder):
+        listed = path.relative_to(folder).as_posix()
+        expected = sums().get(listed)
+        if expected is not None and _sha256(path) != expected:
+            raise ValueError(
+                f"data/{listed} is damaged: its SHA-256 is not the one in data/{SUMS}; to get the "
+                f"file again: {remedy(listed)}"
+            )
         return path
     files = [item.relative_to(folder).as_posix() for item in folder.rglob("*") if item.is_file()]
     raise ValueError(_not_found("data file", name, sorted(files), wanted=name))
+
+
+def data_folder() -> Path:
+    """Returns the folder of demonstrations, weights and results."""
+    return (course_folder() / "data").resolve()
+
+
+def sums() -> dict[str, str]:
+    """Returns the SHA-256 that each file of `data/` should have, by name; the listed ones."""
+    path = data_folder() / SUMS
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    return {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
+
+
+def measured_sums() -> dict[str, str]:
+    """Returns the SHA-256 that each file of `data/` has, except results, texts and hidden files."""
+    folder = data_folder()
+    names = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    return {name: _sha256(folder / name) for name in sorted(names) if _has_sum(name)}
+
+
+def write_sums() -> Path:
+    """Writes `data/SHA256SUMS` anew, from the files as they are now, and returns its path."""
+    path = data_folder() / SUMS
+    text = "".join(f"{digest}  {name}\n" for name, digest in measured_sums().items())
+    unfinished = path.with_name(f".{SUMS}")
+    unfinished.write_text(text, encoding="utf-8", newline="\n")
+    return unfinished.replace(path)
+
+
+def remedy(name: str) -> str:
+    """Returns the command that gets the data file `name` again."""
+    if checkout() is not None:
+        return f"git checkout -- data/{name}"
+    return "pip install --force-reinstall --no-deps cotlearn"
+
+
+def _has_sum(name: str) -> bool:
+    folder, *rest = name.split("/")
+    hidden = any(part.startswith(".") for part in (folder, *rest))
+    return not (hidden or folder == "results" or name == SUMS or name.endswith(".md"))
+
+
+def _sha256(path: Path) -> str:
+    state = path.stat()
+    return _sha256_of(path, state.st_size, state.st_mtime_ns)
+
+
+@cache
+def _sha256_of(path: Path, size: int, changed: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
@@ -110,3 +180,7 @@ def _not_found(kind: str, name: str, available: list[str], *, wanted: str) -> st
         lines.append(f"did you mean: {', '.join(near)}?")
     lines.append(f"available: {', '.join(available)}" if available else "none are installed")
     return "; ".join(lines)
+
+
+if __name__ == "__main__":
+    print(write_sums().read_text(encoding="utf-8"), end="")

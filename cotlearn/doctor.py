@@ -1,4 +1,4 @@
-"""What `cotlearn doctor` looks at: Python, packages, processor, rendering, disk."""
+"""What `cotlearn doctor` looks at: Python, packages, processor, rendering, data, disk."""
 
 from __future__ import annotations
 
@@ -52,6 +52,7 @@ def examine() -> list[Finding]:
         check_processor(),
         check_matplotlib(),
         *check_mujoco(),
+        check_data(),
         check_disk(),
     ]
 
@@ -184,6 +185,18 @@ def _renders(backend: str | None) -> bool:
     except (OSError, subprocess.TimeoutExpired):
         return False
     return done.returncode == 0
+
+
+def check_data() -> Finding:
+    """Compares the data files of the course with their SHA-256 sums."""
+    expected, measured = assets.sums(), assets.measured_sums()
+    broken = [name for name, digest in expected.items() if measured.get(name) != digest]
+    return Finding(
+        name="data files",
+        found=f"missing or damaged: {', '.join(broken)}" if broken else f"{len(expected)} whole",
+        ok=not broken,
+        remedy=" && ".join(assets.remedy(name) for name in broken),
+    )
 
 
 def check_disk() -> Finding:

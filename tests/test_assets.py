@@ -1,8 +1,10 @@
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from cotlearn import assets
+from cotlearn import assets, doctor
 
 
 @pytest.fixture
@@ -55,6 +57,58 @@ def test_data(course):
         assets.find_data("deep/tables.npz")
     with pytest.raises(ValueError, match="there is no data file"):
         assets.find_data("../secret.txt")
+
+
+def test_one_changed_byte_is_refused_by_name(course):
+    path = course / "data" / "deep" / "table.npz"
+    path.write_bytes(bytes(1000))
+    assets.write_sums()
+    assert assets.find_data("deep/table.npz") == path
+    assert doctor.check_data().ok
+    path.write_bytes(bytes(999) + b"1")
+    with pytest.raises(ValueError, match=r"data/deep/table\.npz is damaged: .*to get") as raised:
+        assets.find_data("deep/table.npz")
+    assert "git checkout -- data/deep/table.npz" in str(raised.value)
+    finding = doctor.check_data()
+    assert not finding.ok
+    assert finding.found == "missing or damaged: deep/table.npz"
+    path.write_bytes(bytes(1000))
+    assert assets.find_data("deep/table.npz") == path
+    path.unlink()
+    assert not doctor.check_data().ok
+
+
+def test_a_damaged_file_of_a_wheel_is_installed_again(course, monkeypatch):
+    assets.write_sums()
+    (course / "data" / "deep" / "table.npz").write_bytes(b"2")
+    monkeypatch.setattr(assets, "checkout", lambda: None)
+    with pytest.raises(ValueError, match="pip install --force-reinstall --no-deps cotlearn"):
+        assets.find_data("deep/table.npz")
+
+
+def test_results_and_texts_have_no_sum(course):
+    for name in ("results/mac.json", "results/deep/cell.json", "README.md", ".hidden/part"):
+        (course / "data" / name).parent.mkdir(parents=True, exist_ok=True)
+        (course / "data" / name).write_text("1")
+    assets.write_sums()
+    assert list(assets.sums()) == ["deep/table.npz"]
+    (course / "data" / "results" / "mac.json").write_text("2")
+    assert assets.find_data("results/mac.json").read_text() == "2"
+
+
+def test_the_sums_are_those_of_the_files():
+    assert assets.sums() == assets.measured_sums(), "run: python -m cotlearn.assets"
+
+
+def test_a_person_can_refresh_and_check_them():
+    path = assets.data_folder() / assets.SUMS
+    before = path.read_bytes()
+    try:
+        command = [sys.executable, "-m", "cotlearn.assets"]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        assert done.stdout.encode() == path.read_bytes() == before
+    finally:
+        path.write_bytes(before)
 
 
 def test_copies_never_overwrite(course, tmp_path):
