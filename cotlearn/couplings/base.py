@@ -80,12 +80,14 @@ class Match(NamedTuple):
 class Coupling:
     """Decides which noise meets which data. A new coupling overrides `match`, and nothing else.
 
-    Couplings that look at more than one batch override `stream`; couplings that look at the model
-    set `uses_network` and override `observe`.
+    Couplings that look at the whole data set set `whole_data` and override `batches`; couplings
+    that look at the model set `uses_network` and override `observe`.
     """
 
     name: ClassVar[str] = "coupling"
     uses_network: ClassVar[bool] = False
+    uses_ot_batch: ClassVar[bool] = False  #: more rows paired at once give each a better choice
+    whole_data: ClassVar[bool] = False  #: all the data are looked at: no ot_batch_size applies
     solves: ClassVar[bool] = True  #: pairing takes long enough to be done in the background
     needs_condition: ClassVar[bool] = False
 
@@ -142,29 +144,51 @@ class Coupling:
         generator: torch.Generator | None = None,
         start: int = 0,
     ) -> Iterator[Pairs]:
-        """Yield training batches for ever: draw an OT batch, pair it, cut it up.
+        """Yield training batches for ever.
 
         Batch number s is a function of the generator's seed and s alone, so that a stream resumed
         with `start` goes on with the same numbers.
 
         Args:
-            data: has `sample(n, generator=g) -> (x1, c)`.
+            data: has `sample(n, generator=g) -> (x1, c)`; see the coupling where it needs more.
             batch_size: rows of each yielded `Pairs`.
             ot_batch_size: rows that are paired at once; a multiple of batch_size (the default).
+                More rows help where the coupling has `uses_ot_batch`.
             source: draws the noise; standard normal if None.
             generator: its initial seed decides everything; torch's global seed if None.
             start: number of the first batch.
+
+        Raises:
+            ValueError: a size out of range, or an ot_batch_size where all the data are paired.
         """
         check_count(batch_size, "batch_size")
         ot_batch_size = batch_size if ot_batch_size is None else ot_batch_size
         check_count(ot_batch_size, "ot_batch_size", minimum=batch_size)
+        if self.whole_data and ot_batch_size != batch_size:
+            raise ValueError(
+                f"ot_batch_size does not apply to {type(self).__name__}, which looks at all the "
+                f"data: it must be None or batch_size {batch_size}, got {ot_batch_size}"
+            )
         if ot_batch_size % batch_size:
             raise ValueError(
                 f"ot_batch_size must be a multiple of batch_size {batch_size}, got {ot_batch_size}"
             )
+        check_count(start, "start", minimum=0)
         seed = torch.initial_seed() if generator is None else generator.initial_seed()
+        yield from self.batches(data, batch_size, ot_batch_size, source, seed, start)
+
+    def batches(
+        self,
+        data: Sampler,
+        batch_size: int,
+        ot_batch_size: int,
+        source: Source | None,
+        seed: int,
+        start: int,
+    ) -> Iterator[Pairs]:
+        """What `stream` yields, its options checked: draw an OT batch, pair it, cut it up."""
         per_solve = ot_batch_size // batch_size
-        number, part = divmod(check_count(start, "start", minimum=0), per_solve)
+        number, part = divmod(start, per_solve)
         while True:
             rng = generator_for(seed, number)
             x1, c = data.sample(ot_batch_size, generator=rng)

@@ -48,6 +48,7 @@ class ConditionalOT(Coupling):
     """
 
     name = "conditional_ot"
+    uses_ot_batch = True
     needs_condition = True
 
     def __init__(

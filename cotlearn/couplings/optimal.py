@@ -32,6 +32,7 @@ class MinibatchOT(Coupling):
     """
 
     name = "minibatch_ot"
+    uses_ot_batch = True
 
     def __init__(
         self,

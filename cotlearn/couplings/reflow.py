@@ -53,23 +53,22 @@ class MadePairs(Coupling):
 
     name = "reflow"
     solves = False
+    whole_data = True
 
     def __init__(self, x0: Tensor) -> None:
         self._x0 = x0
 
-    def stream(
+    def batches(
         self,
         data: Any,
-        *,
         batch_size: int,
-        ot_batch_size: int | None = None,
-        source: Source | None = None,
-        generator: torch.Generator | None = None,
-        start: int = 0,
+        ot_batch_size: int,
+        source: Source | None,
+        seed: int,
+        start: int,
     ) -> Iterator[Pairs]:
-        """Yields batches of rows drawn with replacement."""
+        """Batches of rows drawn with replacement."""
         check_same_rows(self._x0, "x0", data.x1, "x1 of the data")
-        seed = torch.initial_seed() if generator is None else generator.initial_seed()
         for number in itertools.count(start):
             rng = generator_for(seed, number)
             rows = torch.randint(len(data), (batch_size,), generator=rng)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from collections.abc import Iterator
@@ -15,7 +16,6 @@ from cotlearn.couplings.base import (
     Coupling,
     Match,
     Pairs,
-    Sampler,
     Source,
     draw_noise,
     generator_for,
@@ -55,6 +55,8 @@ class SemidiscreteOT(Coupling):
     must at first carry a row far and in the end not past its neighbours; the last 30 % of the
     steps are averaged.
 
+    The data of a stream are finite (`.x1`, `.c` and `len`), or endless with n_samples.
+
     Measured as the excess sqrt(marginal_error^2 - marginal_floor^2), with the CPU seconds of the
     fit: N = 1e3 in 2 to 32 dimensions .05 to .06 (1 s); the digits, 64 dimensions, .05 (4 s);
     N = 1e4 in 2 dimensions .06 to .07 (25 to 29 s); N = 2e4 in 2 clusters .09, in 64 clusters .06;
@@ -81,6 +83,7 @@ class SemidiscreteOT(Coupling):
     """
 
     name = "semidiscrete"
+    whole_data = True
 
     def __init__(
         self,
@@ -194,41 +197,23 @@ class SemidiscreteOT(Coupling):
         rows = torch.arange(len(x0))
         return Match(rows.numpy(), self._search(x0.to(self._data), rows).numpy())
 
-    def stream(
+    def batches(
         self,
-        data: Sampler,
-        *,
+        data: Any,
         batch_size: int,
-        ot_batch_size: int | None = None,
-        source: Source | None = None,
-        generator: torch.Generator | None = None,
-        start: int = 0,
+        ot_batch_size: int,
+        source: Source | None,
+        seed: int,
+        start: int,
     ) -> Iterator[Pairs]:
-        """Yield batches: fresh noise, with a condition drawn from the data, and what it meets.
-
-        Args:
-            data: finite (`.x1`, `.c` and `len`), or endless with n_samples.
-            batch_size: rows of each batch.
-            ot_batch_size: must be None or batch_size: every row is searched for by itself.
-            source: draws the noise; standard normal if None.
-            generator: its initial seed decides everything but the potential.
-            start: number of the first batch.
-        """
-        check_count(batch_size, "batch_size")
-        if ot_batch_size not in (None, batch_size):
-            raise ValueError(
-                f"ot_batch_size does not apply to {type(self).__name__}, got {ot_batch_size}"
-            )
+        """Batches of fresh noise, with a condition drawn from the data, and what it meets."""
         x1, c = self._whole(data)
         if not self._is_fitted_to(x1, c) or self._fitted_to not in ((), (source,)):
             self.fit(x1, c, source=source)
-        seed = torch.initial_seed() if generator is None else generator.initial_seed()
-        number = check_count(start, "start", minimum=0)
-        while True:
+        for number in itertools.count(start):
             x0, chosen = self._draw(batch_size, source, generator_for(seed, number))
             label = None if c is None else c[chosen]
             yield Pairs(x0.to(x1.dtype), x1[chosen], label, torch.arange(batch_size), chosen)
-            number += 1
 
     @property
     def _data(self) -> Tensor:

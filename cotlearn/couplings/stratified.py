@@ -36,6 +36,8 @@ class StratifiedOT(Coupling):
     prior. Inside a cluster x0 still depends on c: finer clusters leave less of that, larger ones
     straighten more. This project's own form of conditional OT.
 
+    The data of a stream are finite (`.x1`, `.c` and `len`), or endless with n_samples.
+
     Args:
         clusters: K clusters by k-means on the standardised conditions, fitted anew to the data of
             each stream; a fitted or unfitted `KMeansCondition` or `PCAKMeansCondition`; or None:
@@ -51,6 +53,7 @@ class StratifiedOT(Coupling):
 
     name = "stratified"
     needs_condition = True
+    whole_data = True
 
     def __init__(
         self,
@@ -89,38 +92,24 @@ class StratifiedOT(Coupling):
         solved = sizes / np.ceil(sizes / self.rows_per_solve)
         return float((sizes * solved).sum() / sizes.sum())
 
-    def stream(
+    def batches(
         self,
-        data: Sampler,
-        *,
+        data: Any,
         batch_size: int,
-        ot_batch_size: int | None = None,
-        source: Source | None = None,
-        generator: torch.Generator | None = None,
-        start: int = 0,
+        ot_batch_size: int,
+        source: Source | None,
+        seed: int,
+        start: int,
     ) -> Iterator[Pairs]:
-        """Yield batches of epochs that are paired whole; an incomplete last batch is left out.
+        """Batches of epochs that are paired whole; an incomplete last batch is left out.
 
-        Args:
-            data: finite (`.x1`, `.c` and `len`), or endless with n_samples.
-            batch_size: rows of each batch; where the data have fewer, epochs are put together.
-            ot_batch_size: must be None or batch_size: what is solved at once is the cluster.
-            source: draws the noise; standard normal if None.
-            generator: its initial seed decides everything.
-            start: number of the first batch.
+        Where the data have fewer rows than a batch, epochs are put together.
         """
-        check_count(batch_size, "batch_size")
-        if ot_batch_size not in (None, batch_size):
-            raise ValueError(
-                f"ot_batch_size does not apply to {type(self).__name__}, got {ot_batch_size}: it "
-                "solves whole clusters of at most rows_per_solve rows"
-            )
         size = self._size(data)
         epochs = -(-batch_size // size)  # more than one only where the data are small
         batches = epochs * size // batch_size
-        seed = torch.initial_seed() if generator is None else generator.initial_seed()
         self._fit(data, seed)
-        number, first = divmod(check_count(start, "start", minimum=0), batches)
+        number, first = divmod(start, batches)
         while True:
             parts = [
                 self._epoch(data, source, generator_for(seed, number * epochs + k))

@@ -9,8 +9,17 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, Pairs
+from cotlearn.couplings import (
+    ConditionalOT,
+    Coupling,
+    Independent,
+    MinibatchOT,
+    Pairs,
+    SemidiscreteOT,
+    StratifiedOT,
+)
 from cotlearn.couplings.base import draw_noise, generator_for, squared_distances, to_numpy
+from cotlearn.couplings.reflow import MadePairs
 from cotlearn.datasets import Dataset
 from cotlearn.mixtures import petals, unconditional
 
@@ -273,6 +282,23 @@ def test_data_without_a_condition():
 def test_bad_stream_options(options, error, message):
     with pytest.raises(error, match=message):
         next(Independent().stream(petals(), **options))
+
+
+@pytest.mark.parametrize("coupling", [Independent(), *COUPLINGS[1:5]], ids=repr)
+def test_a_larger_ot_batch_gives_more_candidates_where_it_is_used(coupling):
+    small, large = (coupling.candidates(*batch(n)) for n in (16, 64))
+    assert coupling.uses_ot_batch == (large > small)
+
+
+def test_couplings_of_all_the_data_take_no_ot_batch():
+    x1, c = petals().sample(40, generator=seeded())
+    for coupling in (StratifiedOT(), SemidiscreteOT(iterations=1), MadePairs(x1)):
+        assert coupling.whole_data
+        assert not coupling.uses_ot_batch
+        with pytest.raises(ValueError, match=r"does not apply to .*None or batch_size 8, got 16"):
+            next(coupling.stream(Dataset(x1, c), batch_size=8, ot_batch_size=16))
+        with pytest.raises(ValueError, match="start must be at least 0"):
+            next(coupling.stream(Dataset(x1, c), batch_size=8, start=-1))
 
 
 def test_data_that_turn_bad_are_named():
