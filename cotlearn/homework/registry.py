@@ -1,4 +1,8 @@
-"""The machinery behind `check`: finds the check of an exercise and runs it on an answer."""
+"""The machinery behind `check`: finds the check of an exercise and runs it on an answer.
+
+`judge` gives the verdict and a sentence, `check` prints them in a notebook, and `require` raises
+them in a hidden test of the homework.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,8 @@ import difflib
 import enum
 import functools
 import importlib
+import inspect
+import math
 import pkgutil
 import re
 import signal
@@ -15,11 +21,15 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-#: Seconds that a learner's answer may take before the check stops it.
+from cotlearn.homework import progress
+
+#: Seconds that a learner's answer may take before the check stops it; inf: no limit.
 TIME_LIMIT = 20.0
 
-_NAME = re.compile(r"(\d\d)\.[a-z0-9_]+")
-_registry: dict[str, Callable[[Any], None]] = {}
+_NAME = re.compile(r"(\d\d|hw\d)\.[a-z0-9_]+")
+_Check = Callable[..., None]
+_registry: dict[str, _Check] = {}
+_correct: set[str] = set()  # in this process
 
 
 class _Silent:
@@ -49,15 +59,16 @@ class _OutOfTime(BaseException):
     """The answer ran for too long; no Exception, so that no `except Exception` swallows it."""
 
 
-def exercise(name: str) -> Callable[[Callable[[Any], None]], Callable[[Any], None]]:
+def exercise(name: str) -> Callable[[_Check], _Check]:
     """Registers the check of an exercise.
 
     Args:
-        name: "NN.short_name", where NN is the number of the notebook.
+        name: "NN.short_name", where NN is the number of the notebook, or "hwN.short_name".
 
     Returns:
         A decorator for a function that takes the answer, raises `NotYet("a helpful sentence")` if
-        it is wrong, and returns if it is right.
+        it is wrong, and returns if it is right. With a second argument, `seed=0`, it draws other
+        numbers for other seeds, so that a hidden test can ask again.
 
     Raises:
         ValueError: If the name has another form or is taken.
@@ -71,7 +82,7 @@ def exercise(name: str) -> Callable[[Callable[[Any], None]], Callable[[Any], Non
     if not _NAME.fullmatch(name):
         raise ValueError(f'name must look like "01.interpolate", got {name!r}')
 
-    def register(function: Callable[[Any], None]) -> Callable[[Any], None]:
+    def register(function: _Check) -> _Check:
         if name in _registry:
             raise ValueError(f"name {name!r} is already the name of an exercise")
         _registry[name] = function
@@ -93,6 +104,7 @@ def check(answer: object, name: str) -> Verdict:
 
     A wrong answer never raises. An exception inside the learner's function becomes a sentence,
     and so does a function that does not come to an end (not on Windows: interrupt the kernel).
+    In a notebook the verdict is kept for `cotlearn progress`, in a file on this machine.
 
     Args:
         answer: The learner's function or value. `None`, `...`, and a function that raises
@@ -106,41 +118,93 @@ def check(answer: object, name: str) -> Verdict:
         TypeError: If `name` is not a string; usually the two arguments were swapped.
         ValueError: If there is no exercise of that name.
     """
+    verdict, sentence = judge(answer, name)
+    if verdict is Verdict.NOT_ATTEMPTED:
+        print(f"not attempted yet: {name}")
+        return verdict
+    print("✓ correct" if verdict is Verdict.CORRECT else f"✗ not yet: {sentence}")
+    if verdict is Verdict.CORRECT:
+        _correct.add(name)
+    else:
+        _correct.discard(name)
+    if progress.in_notebook():
+        progress.remember({name: verdict.value})
+    return verdict
+
+
+def passed(*names: str) -> bool:
+    """Tells whether answers were found correct by `check` since this kernel started.
+
+    For cells that use the answers: it prints what is still to do.
+
+    Args:
+        *names: Of exercises, as "hw1.euler".
+    """
+    missing = [name for name in names if name not in _correct]
+    if missing:
+        print(f"first, to be checked above: {', '.join(missing)}")
+    return not missing
+
+
+def require(answer: object, name: str, *, seed: int | None = None) -> None:
+    """Fails unless an answer is correct: the form that hidden tests have.
+
+    Args:
+        answer: As of `check`.
+        name: As of `check`.
+        seed: Of the numbers that the check draws; those of `check` if None.
+
+    Raises:
+        AssertionError: With a sentence that helps.
+    """
+    verdict, sentence = judge(answer, name, seed=seed)
+    if verdict is not Verdict.CORRECT:
+        raise AssertionError(sentence)
+
+
+def judge(answer: object, name: str, *, seed: int | None = None) -> tuple[Verdict, str]:
+    """Returns the verdict on an answer, and a sentence about it.
+
+    Args:
+        answer: As of `check`.
+        name: As of `check`.
+        seed: As of `require`.
+
+    Raises:
+        TypeError: As `check`.
+        ValueError: As `check`; or a seed for a check that draws nothing.
+    """
     if not isinstance(name, str):
         raise TypeError(f'name must be a string such as "01.interpolate", got {name!r}')
-    function = _find(name)
+    function: _Check = _find(name)
+    if seed is not None:
+        if "seed" not in inspect.signature(function).parameters:
+            raise ValueError(f"the check of {name!r} takes no seed, got {seed}")
+        function = functools.partial(function, seed=seed)
     try:
         if _is_stub(answer):
             raise _NotAttempted
         with _time_limit(TIME_LIMIT):
             function(_watched(answer) if _is_function(answer) else answer)
     except (_NotAttempted, NotImplementedError):
-        print(f"not attempted yet: {name}")
-        return Verdict.NOT_ATTEMPTED
+        return Verdict.NOT_ATTEMPTED, "not attempted yet"
     except NotYet as reason:
-        return _wrong(str(reason))
+        return Verdict.NOT_YET, str(reason)
     except _OutOfTime:
-        return _wrong(
+        return Verdict.NOT_YET, (
             f"your answer ran for longer than {TIME_LIMIT:.0f} seconds and was stopped; "
             "is there a loop that never ends?"
         )
     except Exception as error:
-        return _wrong(
-            f"the check could not use your answer: {type(error).__name__}: {_one_line(error)}"
-        )
-    print("✓ correct")
-    return Verdict.CORRECT
+        return Verdict.NOT_YET, f"the check could not use your answer: {_described(error)}"
+    return Verdict.CORRECT, "correct"
 
 
-def _wrong(sentence: str) -> Verdict:
-    print(f"✗ not yet: {sentence}")
-    return Verdict.NOT_YET
-
-
-def _find(name: str) -> Callable[[Any], None]:
+def _find(name: str) -> _Check:
     match = _NAME.fullmatch(name)
     if match and name not in _registry:
-        module = f"cotlearn.homework.checks.nb{match[1]}"
+        file = match[1] if match[1].startswith("hw") else f"nb{match[1]}"
+        module = f"cotlearn.homework.checks.{file}"
         try:
             importlib.import_module(module)
         except ModuleNotFoundError as error:
@@ -175,10 +239,7 @@ def _watched(function: Any) -> Callable[..., Any]:
         except (NotYet, NotImplementedError):
             raise
         except Exception as error:
-            raise NotYet(
-                f"your function {function.__name__} raised {type(error).__name__}: "
-                f"{_one_line(error)}"
-            ) from error
+            raise NotYet(f"your function {function.__name__} {said(error)}") from error
         if _is_stub(result):
             raise _NotAttempted
         return result
@@ -186,15 +247,30 @@ def _watched(function: Any) -> Callable[..., Any]:
     return call
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or "(no message)"
+def said(error: BaseException) -> str:
+    """What a learner's code did when it raised: "raised ValueError: ...", or a plainer word."""
+    text = str(error)
+    if isinstance(error, MemoryError) or "allocate memory" in text or "not enough memory" in text:
+        return "asked for more memory than it may have; look at the shapes that meet in it"
+    if isinstance(error, RecursionError):
+        return "called itself without end (RecursionError)"
+    if isinstance(error, EOFError):
+        return "waited for input, and nobody is there to type"
+    return f"raised {_described(error)}"
+
+
+def _described(error: BaseException) -> str:
+    text = " ".join(str(error).split()) or "(no message)"
+    return f"{type(error).__name__}: {text[:300]}"
 
 
 @contextmanager
 def _time_limit(seconds: float) -> Iterator[None]:
     """Raises `_OutOfTime` after `seconds`, where the system can (main thread, not Windows)."""
-    if not hasattr(signal, "setitimer") or (
-        threading.current_thread() is not threading.main_thread()
+    if (
+        math.isinf(seconds)
+        or not hasattr(signal, "setitimer")
+        or (threading.current_thread() is not threading.main_thread())
     ):
         yield
         return

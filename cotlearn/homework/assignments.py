@@ -1,0 +1,175 @@
+"""What an assignment asks: read from its master notebook, the only place where it is written.
+
+A master is in the format of otter-grader: raw cells say where a question, its solution and its
+tests begin and end. The notebooks of the course are read in the same way; their questions are the
+cells tagged "check", and have no hidden tests.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cotlearn import assets
+from cotlearn.homework.submissions import read_notebook
+
+_MARK = re.compile(r"#\s*(BEGIN|END) (QUESTION|TESTS|SOLUTION)")
+_CONFIG = re.compile(r'""" # BEGIN TEST CONFIG\n(.*?)""" # END TEST CONFIG\n', re.DOTALL)
+_MESSAGE = re.compile(r"^failure_message: *(.*)$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class HiddenTest:
+    """A test that students do not see.
+
+    Attributes:
+        source: of one function, whose arguments are names of the student's notebook.
+        points: that it is worth.
+        hint: what to say if it fails.
+    """
+
+    source: str
+    points: float
+    hint: str
+
+
+@dataclass(frozen=True)
+class Question:
+    """One question.
+
+    Attributes:
+        name: "hw1.euler" or "01.interpolate".
+        answer: the expression that is checked, most often the name of a function.
+        tests: the hidden ones.
+    """
+
+    name: str
+    answer: str
+    tests: tuple[HiddenTest, ...] = ()
+
+    @property
+    def points(self) -> float:
+        """What the question is worth."""
+        return sum(test.points for test in self.tests)
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """A homework, or the exercises of a notebook.
+
+    Attributes:
+        name: "hw1" or "01".
+        title: the first heading.
+        questions: in order.
+        setup: the source of the first code cell, the imports.
+        path: of the master.
+    """
+
+    name: str
+    title: str
+    questions: tuple[Question, ...]
+    setup: str
+    path: Path
+
+    @property
+    def points(self) -> float:
+        """What the assignment is worth."""
+        return sum(question.points for question in self.questions)
+
+
+def masters(folder: Path | None = None) -> list[Path]:
+    """Returns the master notebooks of the homework, in order.
+
+    Args:
+        folder: Another than the course's `notebooks/homework`.
+    """
+    folder = folder or assets.course_folder() / "notebooks" / "homework"
+    return sorted(path for path in folder.glob("hw*.ipynb") if re.fullmatch(r"hw\d", path.stem))
+
+
+def find(name: str, folder: Path | None = None) -> Assignment:
+    """Reads an assignment.
+
+    Args:
+        name: "hw1", or "01" for the exercises of a notebook of the course.
+        folder: Of the masters, if they are not those of the course.
+
+    Raises:
+        ValueError: There is no such assignment.
+    """
+    known = {path.stem: path for path in masters(folder)}
+    known |= {path.name[:2]: path for path in assets.notebooks()}
+    if name not in known:
+        raise ValueError(f"there is no assignment {name!r}; there are: {', '.join(sorted(known))}")
+    return read(known[name], name)
+
+
+def read(path: Path, name: str) -> Assignment:
+    """Reads a master, or a notebook of the course.
+
+    Args:
+        path: The notebook.
+        name: "hw1", "01", ...
+
+    Raises:
+        ValueError: It cannot be read, or a question has no check.
+    """
+    notebook = read_notebook(path)
+    questions: list[Question] = []
+    open_question = testing = False
+    tests: list[HiddenTest] = []
+    for cell in notebook.cells:
+        if cell.cell_type == "raw":
+            mark = _MARK.match(cell.source)
+            if mark and mark[2] == "TESTS":
+                testing = mark[1] == "BEGIN"
+            elif mark and mark[2] == "QUESTION":
+                if mark[1] == "END" and open_question:
+                    raise ValueError(f"{path.name}: a question has no cell tagged 'check'")
+                open_question = mark[1] == "BEGIN"
+        elif cell.cell_type == "code" and testing:
+            tests.append(_hidden_test(cell.source))
+        elif "check" in cell.metadata.get("tags", []):
+            called = _checks(cell.source)
+            questions += [Question(item, answer, tuple(tests)) for answer, item in called]
+            open_question, tests = False, []
+    return Assignment(name, _title(notebook), tuple(questions), _setup(notebook), path)
+
+
+def _hidden_test(source: str) -> HiddenTest:
+    config = _CONFIG.match(source)
+    text = config[1] if config else ""
+    hint = _MESSAGE.search(text)
+    points = re.search(r"^points: *([\d.]+)$", text, re.MULTILINE)
+    return HiddenTest(
+        source=source[config.end() :] if config else source,
+        points=float(points[1]) if points else 1.0,
+        hint=hint[1].strip("\"' ") if hint else "",
+    )
+
+
+def _checks(source: str) -> list[tuple[str, str]]:
+    """The pairs (answer, name) of the calls check(answer, "name") in a cell."""
+    return [
+        (ast.unparse(node.args[0]), str(ast.literal_eval(node.args[1])))
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "check"
+    ]
+
+
+def _title(notebook: Any) -> str:
+    lines = (
+        line
+        for cell in notebook.cells
+        if cell.cell_type == "markdown"
+        for line in cell.source.splitlines()
+    )
+    return next((line[2:].strip() for line in lines if line.startswith("# ")), "untitled")
+
+
+def _setup(notebook: Any) -> str:
+    code = (cell.source for cell in notebook.cells if cell.cell_type == "code")
+    return str(next(code, ""))

@@ -1,0 +1,212 @@
+"""Grades a folder of notebooks: several at a time, resumable, with feedback for each student.
+
+What was found about a notebook is written at once, to a file of its own, and used again when the
+same notebook is graded with the same tests. So a run can be killed at any moment and given again.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import os
+import threading
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+import cotlearn
+from cotlearn.homework import assignments
+from cotlearn.homework.isolation import Limits
+from cotlearn.homework.marking import Mark, Marked, mark
+from cotlearn.homework.progress import write_atomically
+
+
+@dataclass(frozen=True)
+class Row:
+    """One notebook of the folder.
+
+    Attributes:
+        file: relative to the folder.
+        marked: what was found.
+        kept: whether it was known from an earlier run.
+    """
+
+    file: str
+    marked: Marked
+    kept: bool = False
+
+
+def grade(
+    folder: Path,
+    out: Path,
+    *,
+    masters: Path | None = None,
+    workers: int | None = None,
+    limits: Limits | None = None,
+    each: Callable[[Row, int, int], None] | None = None,
+) -> list[Row]:
+    """Grades all notebooks in a folder and its subfolders.
+
+    Args:
+        folder: With the notebooks; they are read, not changed.
+        out: The table to write, as CSV with a row for each notebook. Feedback goes to a folder of
+            the same name without ".csv", one text for each notebook.
+        masters: The folder of the master notebooks; those of the course if None.
+        workers: Notebooks at a time; as many as there are cores if None.
+        limits: On each question.
+        each: Called as (row, notebooks done, notebooks in all).
+
+    Returns:
+        The rows, in the order of the files' names.
+
+    Raises:
+        ValueError: There is no such folder, or no notebook in it, or `out` is a folder.
+        KeyboardInterrupt: Ctrl-C; what is done is kept.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"folder must be a folder of notebooks, got {folder}")
+    if out.is_dir() or not out.suffix:
+        raise ValueError(f"out must be a file such as grades.csv, got {out}")
+    feedback = out.with_suffix("")
+    paths = _notebooks(folder, feedback)
+    if not paths:
+        raise ValueError(f"there is no notebook (*.ipynb) in {folder}")
+    feedback.mkdir(parents=True, exist_ok=True)
+    limits = limits or Limits()
+    salt = _salt(masters, limits)
+    stop = threading.Event()
+
+    def one(path: Path) -> Row | None:
+        return None if stop.is_set() else _grade(path, folder, feedback, salt, masters, limits)
+
+    rows: list[Row] = []
+    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        try:
+            for future in as_completed([pool.submit(one, path) for path in paths]):
+                row = future.result()
+                if row is not None:
+                    rows.append(row)
+                    if each is not None:
+                        each(row, len(rows), len(paths))
+        except BaseException:
+            stop.set()
+            raise
+    rows.sort(key=lambda row: row.file)
+    write_atomically(out, table(rows), encoding="utf-8-sig")  # so that Excel reads the accents
+    return rows
+
+
+def _notebooks(folder: Path, feedback: Path) -> list[Path]:
+    return sorted(
+        path
+        for path in folder.rglob("*.ipynb")
+        if ".ipynb_checkpoints" not in path.parts and not path.is_relative_to(feedback)
+    )
+
+
+def _grade(
+    path: Path, folder: Path, feedback: Path, salt: str, masters: Path | None, limits: Limits
+) -> Row:
+    file = path.relative_to(folder)
+    stored = feedback / file.with_name(f"{file.name}.json")
+    try:
+        key = hashlib.sha256(salt.encode() + path.read_bytes()).hexdigest()
+    except OSError as error:
+        return Row(file.as_posix(), Marked("", "", (), f"it cannot be read: {error.strerror}"))
+    known = _known(stored, key)
+    if known is not None:
+        _write_feedback(stored, file, known)
+        return Row(file.as_posix(), known, kept=True)
+    try:
+        marked = mark(path, hidden=True, masters=masters, limits=limits)
+    except Exception as error:  # one bad file must not take the others along
+        what = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+        marked = Marked("", "", (), what)
+    _write_feedback(stored, file, marked)
+    write_atomically(stored, json.dumps({"key": key, "marked": marked.to_json()}, indent=1) + "\n")
+    return Row(file.as_posix(), marked)
+
+
+def _known(stored: Path, key: str) -> Marked | None:
+    try:
+        record = json.loads(stored.read_text(encoding="utf-8"))
+        return Marked.from_json(record["marked"]) if record["key"] == key else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _salt(masters: Path | None, limits: Limits) -> str:
+    """Changes with the tests, the version and the limits."""
+    files = (hashlib.sha256(path.read_bytes()).hexdigest() for path in assignments.masters(masters))
+    return json.dumps([cotlearn.__version__, limits.seconds, limits.gigabytes, *files])
+
+
+def _write_feedback(stored: Path, file: Path, marked: Marked) -> None:
+    stored.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(stored.with_name(f"{file.stem}.md"), feedback_text(file.name, marked))
+
+
+def table(rows: Iterable[Row]) -> str:
+    """Returns a CSV table: file, assignment, points, what could be earned, note, each question."""
+    rows = list(rows)
+    questions = sorted({item.question for row in rows for item in row.marked.marks}, key=_order)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\r\n")
+    writer.writerow(["file", "assignment", "points", "out_of", "percent", "note", *questions])
+    for row in rows:
+        marked = row.marked
+        earned = {item.question: f"{item.points:g}" for item in marked.marks}
+        percent = f"{100 * marked.points / marked.out_of:.0f}" if marked.out_of else ""
+        writer.writerow(
+            [
+                _plain(row.file),
+                marked.assignment,
+                f"{marked.points:g}",
+                f"{marked.out_of:g}" if marked.marks else "",
+                percent,
+                _plain(marked.note),
+                *(earned.get(name, "") for name in questions),
+            ]
+        )
+    return text.getvalue()
+
+
+def _order(question: str) -> tuple[str, int]:
+    name = question.split(".")[0]
+    try:
+        asked = [item.name for item in assignments.find(name).questions]
+    except ValueError:
+        asked = []
+    return name, asked.index(question) if question in asked else len(asked)
+
+
+def _plain(text: str) -> str:
+    """Keeps a spreadsheet from taking a student's text for a formula."""
+    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t")) else text
+
+
+def feedback_text(file: str, marked: Marked) -> str:
+    """Returns what a student gets to read, as Markdown."""
+    if not marked.marks:
+        return f"# {file}\n\nThis could not be graded: {marked.note}.\n"
+    lines = [f"# {marked.title}", "", f"{file}: {marked.points:g} of {marked.out_of:g} points", ""]
+    if marked.note:
+        lines += [f"Note: {marked.note}.", ""]
+    for item in marked.marks:
+        lines += [f"## {item.question}: {item.points:g} of {item.out_of:g}", "", *_words(item), ""]
+    return "\n".join(lines)
+
+
+def _words(item: Mark) -> list[str]:
+    if item.correct:
+        return ["✓ correct"]
+    if item.verdict == "not attempted yet":
+        return ["not attempted"]
+    first = [] if item.verdict == "correct" else [f"✗ {item.sentence}"]
+    more = [hint for hint in item.hints if hint != item.sentence]
+    if not first and more:
+        first = ["✓ the self-check is content, and a hidden test is not:"]
+    return first + [f"- {hint}" for hint in more]

@@ -1,0 +1,151 @@
+"""Runs one question in a process of its own, with limits on time, memory and output.
+
+This keeps accidents apart: an endless loop, an `exit()`, a flood of prints or an array that fills
+the memory costs one question and nothing else. It is no security sandbox: code that means harm has
+all rights of the user who runs it (see docs/grading.md).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from multiprocessing.context import BaseContext
+from typing import Any
+
+from cotlearn.homework import worker
+
+_MESSAGE_BYTES = 1_000_000
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a question may use.
+
+    Attributes:
+        seconds: of computing. Waiting counts a third, so that a busy machine is no reason to fail.
+        gigabytes: of memory, on top of what Python and torch take; only where the system can
+            (`has_memory_limit`).
+    """
+
+    seconds: float = 60.0
+    gigabytes: float = 4.0
+
+    def __post_init__(self) -> None:
+        for name in ("seconds", "gigabytes"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out of a process.
+
+    Attributes:
+        messages: that it sent before it ended.
+        problem: why it did not come to its end, in a sentence; None if it did.
+    """
+
+    messages: tuple[dict[str, Any], ...]
+    problem: str | None
+
+
+def has_memory_limit() -> bool:
+    """Tells whether this system can limit the memory of a process; of ours, only Linux can."""
+    return sys.platform == "linux"
+
+
+def run(job: dict[str, Any], limits: Limits) -> Outcome:
+    """Runs a job of `worker.run` in its own process and in an empty folder.
+
+    Args:
+        job: As `worker.run` takes it.
+        limits: Of time and memory.
+    """
+    context = _context()
+    ours, theirs = context.Pipe(duplex=False)
+    with tempfile.TemporaryDirectory(prefix="cotlearn-", ignore_cleanup_errors=True) as folder:
+        process = context.Process(  # type: ignore[attr-defined]
+            target=worker.run, args=(job, folder, limits.seconds, limits.gigabytes, theirs)
+        )
+        process.start()
+        theirs.close()
+        try:
+            messages, problem = _listen(ours, process, limits)
+        finally:
+            _end(process)
+            ours.close()
+    return Outcome(tuple(messages), problem)
+
+
+def _listen(
+    channel: multiprocessing.connection.Connection, process: Any, limits: Limits
+) -> tuple[list[dict[str, Any]], str | None]:
+    messages: list[dict[str, Any]] = []
+    deadline = time.monotonic() + 3 * limits.seconds + 30  # 30: to start on a busy machine
+    while True:
+        rest = deadline - time.monotonic()
+        ready = multiprocessing.connection.wait([channel, process.sentinel], max(rest, 0))
+        if channel in ready:
+            try:
+                message = json.loads(channel.recv_bytes(_MESSAGE_BYTES))
+            except (EOFError, OSError, ValueError):
+                process.join(5)
+                return messages, _why(process.exitcode, limits)
+            if message.get("end"):
+                return messages, message.get("problem")
+            if message.get("begun"):  # loading is not the learner's time
+                deadline = time.monotonic() + 3 * limits.seconds
+            else:
+                messages.append(message)
+        elif ready:  # it is gone, and left nothing in the channel
+            process.join(5)
+            return messages, _why(process.exitcode, limits)
+        elif rest <= 0:
+            return messages, _too_long(limits)
+
+
+def _why(code: int | None, limits: Limits) -> str:
+    """A sentence for a process that ended without its last message."""
+    if hasattr(signal, "SIGXCPU") and code == -signal.SIGXCPU:
+        return _too_long(limits)
+    if code is not None and code < 0:
+        name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+        memory = "; most often that is memory" if name in {"SIGKILL", "SIGSEGV", "SIGABRT"} else ""
+        return f"your answer made Python crash ({name}{memory})"
+    return "your answer ended Python (os._exit, or a crash), so that nothing after it could run"
+
+
+def _too_long(limits: Limits) -> str:
+    return (
+        f"your answer ran for longer than {limits.seconds:g} seconds and was stopped; "
+        "is there a loop that never ends?"
+    )
+
+
+def _end(process: Any) -> None:
+    """Ends a process and all that it started."""
+    if hasattr(os, "killpg"):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
+    process.join()
+    process.close()
+
+
+@functools.cache
+def _context() -> BaseContext:
+    """Processes that start from a server that has imported torch once, where that is possible."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([worker.__name__, "cotlearn.homework.preload"])
+    return context

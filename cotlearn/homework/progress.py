@@ -1,0 +1,86 @@
+"""What a learner has done so far: one small file on this machine, which is never sent anywhere.
+
+In a checkout it is `.cotlearn-progress.json` in its root, else `.cotlearn/progress.json` in the
+user's home.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from cotlearn import assets
+
+
+def file() -> Path:
+    """Returns the path of the file, whether it exists or not."""
+    root = assets.checkout()
+    if root is not None:
+        return root / ".cotlearn-progress.json"
+    return Path.home() / ".cotlearn" / "progress.json"
+
+
+def in_notebook() -> bool:
+    """Tells whether a person works in a notebook; False where a notebook runs without one."""
+    if os.environ.get("COTLEARN_PROGRESS") == "0" or "IPython" not in sys.modules:
+        return False
+    shell = sys.modules["IPython"].get_ipython()
+    return shell is not None and "IPKernelApp" in shell.config
+
+
+def read(path: Path | None = None) -> dict[str, dict[str, str]]:
+    """Returns {exercise: {"verdict": ..., "when": ...}}; empty if nothing can be read.
+
+    Args:
+        path: Another file than `file()`.
+    """
+    try:
+        stored = json.loads((path or file()).read_text(encoding="utf-8"))["exercises"]
+        return {
+            str(name): {"verdict": item["verdict"], "when": item["when"]}
+            for name, item in stored.items()
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+
+
+def remember(verdicts: dict[str, str], path: Path | None = None) -> bool:
+    """Adds verdicts to the file; an exercise that is "not attempted yet" keeps its old one.
+
+    Args:
+        verdicts: {exercise: verdict}.
+        path: Another file than `file()`.
+
+    Returns:
+        False if the file could not be written, which is no reason to stop a learner.
+    """
+    path = path or file()
+    now = datetime.datetime.now().isoformat(timespec="seconds")
+    known = read(path)
+    for name, verdict in verdicts.items():
+        if verdict != "not attempted yet":
+            known[name] = {"verdict": verdict, "when": now}
+    text = json.dumps({"exercises": known}, indent=1, sort_keys=True) + "\n"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, text)
+    except OSError:
+        return False
+    return True
+
+
+def write_atomically(path: Path, text: str, encoding: str = "utf-8") -> None:
+    """Writes a file so that at any moment there is the old one or the new one, whole."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:40]}.")
+    try:
+        with os.fdopen(handle, "w", encoding=encoding, newline="") as stream:
+            stream.write(text)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise

@@ -1,0 +1,201 @@
+"""What happens in the process of one question: run the cells, check the answer, run the tests."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import io
+import json
+import linecache
+import math
+import os
+import random
+import sys
+import traceback
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+#: Characters that an answer may print; more than any person reads.
+PRINT_LIMIT = 1_000_000
+
+
+class _TooMuchPrinted(BaseException):
+    """The answer floods the output; no Exception, so that no `except Exception` swallows it."""
+
+
+class _Unusable(Exception):
+    """The answer cannot be checked; the message says why."""
+
+
+def run(
+    job: dict[str, Any], folder: str, seconds: float, gigabytes: float, channel: Connection
+) -> None:
+    """Runs a job and sends what it finds, one message after the other, as JSON.
+
+    Args:
+        job: "cells", a list of {"number", "source"} to run; "setup", the source that is run before
+            them; "own", the number of the cell with the answer; "answer", an expression; "name",
+            of the check; "tests", a list of {"source", "hint"}.
+        folder: to work in.
+        seconds: of computing.
+        gigabytes: of memory, beyond those in use when the answer begins.
+        channel: to send to.
+    """
+    with contextlib.suppress(AttributeError, OSError):
+        os.setsid()  # so that all it starts can be ended together
+    _prepare(folder)
+    _limit(seconds, gigabytes)
+    _send(channel, {"begun": True})
+    problem: str | None
+    try:
+        _question(job, channel)
+        problem = None
+    except _Unusable as reason:
+        problem = str(reason)
+    except _TooMuchPrinted:
+        problem = f"your answer printed more than {PRINT_LIMIT:,} characters; remove the print"
+    except (SystemExit, GeneratorExit):
+        problem = "your answer ended Python (exit or quit); use return to leave a function"
+    except KeyboardInterrupt:
+        problem = "your answer was interrupted"
+    except BaseException as error:
+        problem = f"your answer {_said(error)}"
+    _send(channel, {"end": True, "problem": problem})
+    channel.close()
+    os._exit(0)  # whatever the answer left behind must not run now
+
+
+def _question(job: dict[str, Any], channel: Connection) -> None:
+    from cotlearn.homework import registry
+
+    registry.TIME_LIMIT = math.inf  # this process has its own
+    namespace: dict[str, Any] = {"__name__": "__main__"}
+    with contextlib.suppress(Exception):
+        exec(compile(job["setup"], "<setup>", "exec"), namespace)
+    for cell in job["cells"]:
+        _run_cell(cell, namespace, own=cell["number"] == job["own"])
+    try:
+        answer = eval(job["answer"], namespace)
+    except Exception as error:
+        raise _Unusable(f"{job['answer']} {_said(error)}") from error
+    verdict, sentence = registry.judge(answer, job["name"])
+    _send(channel, {"verdict": verdict.value, "sentence": sentence})
+    for index, test in enumerate(job["tests"]):
+        if verdict is registry.Verdict.NOT_ATTEMPTED:
+            passed, sentence = False, "not attempted"
+        else:
+            passed, sentence = _passes(test, namespace)
+        _send(channel, {"test": index, "passed": passed, "sentence": sentence})
+
+
+def _run_cell(cell: dict[str, Any], namespace: dict[str, Any], *, own: bool) -> None:
+    name = f"<cell {cell['number']}>"
+    lines = cell["source"].splitlines(keepends=True)
+    linecache.cache[name] = (len(cell["source"]), None, lines, name)  # for inspect.getsource
+    which = f"your cell (number {cell['number']} of the notebook)"
+    if not own:
+        which = f"cell {cell['number']} of the notebook, which this answer uses,"
+    try:
+        exec(compile(cell["source"], name, "exec"), namespace)
+    except NotImplementedError:
+        pass
+    except Exception as error:
+        line = next(
+            (
+                item.lineno
+                for item in reversed(traceback.extract_tb(error.__traceback__))
+                if item.filename == name
+            ),
+            None,
+        )
+        where = f", line {line}," if line else ""
+        raise _Unusable(f"{which.rstrip(',')}{where} {_said(error)}") from error
+
+
+def _passes(test: dict[str, Any], namespace: dict[str, Any]) -> tuple[bool, str]:
+    scope: dict[str, Any] = {}
+    exec(compile(test["source"], "<hidden test>", "exec"), scope)
+    function = next(value for value in reversed(scope.values()) if inspect.isfunction(value))
+    names = inspect.signature(function).parameters
+    values = {name: namespace if name == "env" else namespace.get(name) for name in names}
+    try:
+        function(**values)
+    except AssertionError as error:
+        return False, test["hint"] or str(error)
+    except Exception as error:
+        return False, f"your answer {_said(error)}" + (f" ({test['hint']})" if test["hint"] else "")
+    return True, ""
+
+
+def _said(error: BaseException) -> str:
+    from cotlearn.homework.registry import said
+
+    return said(error)
+
+
+def _prepare(folder: str) -> None:
+    """An empty folder, no input, an output that nobody reads, the same random numbers each time."""
+    import numpy as np
+    import torch
+
+    import cotlearn.homework.preload  # noqa: F401
+
+    os.chdir(folder)
+    os.environ["HOME"] = folder  # a file that is deleted "at home" is none of the user's
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1, 2):
+        os.dup2(nowhere, descriptor)
+    sys.stdin = io.StringIO()
+    sys.stdout = sys.stderr = _Counted()
+    random.seed(0)
+    np.random.seed(0)  # noqa: NPY002, the learner may use it
+    torch.manual_seed(0)
+
+
+class _Counted(io.TextIOBase):
+    """Counts what is printed, and keeps none of it."""
+
+    def __init__(self) -> None:
+        self.rest = PRINT_LIMIT
+
+    def write(self, text: str) -> int:
+        self.rest -= len(text)
+        if self.rest < 0:
+            self.rest = PRINT_LIMIT  # so that the last words can be said
+            raise _TooMuchPrinted
+        return len(text)
+
+    def writable(self) -> bool:
+        return True
+
+
+def _limit(seconds: float, gigabytes: float) -> None:
+    try:
+        import resource
+        import signal
+    except ImportError:  # Windows
+        return
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    whole = math.ceil(used.ru_utime + used.ru_stime + seconds)
+    _set(resource.RLIMIT_CPU, whole, whole + 5)
+    _set(resource.RLIMIT_CORE, 0, 0)
+    signal.signal(signal.SIGXCPU, signal.SIG_DFL)
+    # When the process that listens is killed, a sleeper would stay for ever.
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(math.ceil(3 * seconds) + 10)
+    if sys.platform == "linux":
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        space = pages * resource.getpagesize() + int(gigabytes * 1e9)
+        _set(resource.RLIMIT_AS, space, space)
+
+
+def _set(kind: int, soft: int, hard: int) -> None:
+    import resource
+
+    with contextlib.suppress(ValueError, OSError):  # a stricter limit may be there already
+        resource.setrlimit(kind, (soft, hard))
+
+
+def _send(channel: Connection, message: dict[str, Any]) -> None:
+    channel.send_bytes(json.dumps(message).encode())
