@@ -261,6 +261,27 @@ def energy_score(samples: Tensor, truth: Tensor) -> float:
     return float(off - among.mean() / (m * (m - 1)) / 2)
 
 
+def mode_entropy(modes: ArrayLike) -> float:
+    """The entropy of the ways that are taken, in nats, averaged over conditions.
+
+    0 where every condition is met in one way; log K where K ways are equally frequent. The entropy
+    of the counts is a little too small, by about (K - 1) / (2 draws): compare it to that of
+    demonstrations with as many draws.
+
+    Args:
+        modes: (conditions, draws), whole numbers; those below 0 are of failed draws and count for
+            nothing. A condition without any other has entropy 0.
+    """
+    array = np.asarray(modes)
+    if array.ndim != 2 or array.dtype.kind not in "iu" or array.size == 0:
+        raise ValueError(
+            f"modes must be whole numbers of shape (conditions, draws), got {array.dtype} of "
+            f"shape {array.shape}"
+        )
+    counts = [np.unique(row[row >= 0], return_counts=True)[1] for row in array]
+    return float(np.mean([stats.entropy(count) if len(count) else 0.0 for count in counts]))
+
+
 def _check_confidence(confidence: float) -> None:
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence}")

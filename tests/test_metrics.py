@@ -18,6 +18,7 @@ from cotlearn.metrics import (
     energy_score,
     joint_squared_w2,
     l2_uvp,
+    mode_entropy,
     paired_bootstrap,
     squared_w2,
     straightness,
@@ -332,6 +333,18 @@ def test_paired_bootstrap_counts_seeds_as_well():
     difference = np.repeat([[0.0], [1.0], [2.0]], 50, axis=1)
     mean, low, high = paired_bootstrap(difference, np.zeros((3, 50)))
     assert (mean, low, high) == (1.0, 0.0, 2.0)
+
+
+def test_mode_entropy():
+    assert mode_entropy([[0, 1, 2, 3], [3, 2, 1, 0]]) == pytest.approx(math.log(4))
+    assert mode_entropy([[5, 5, 5]]) == 0
+    assert mode_entropy([[0, 1], [4, 4]]) == pytest.approx(math.log(2) / 2)
+    assert mode_entropy([[0, 1, -1, -1]]) == pytest.approx(math.log(2))  # the failed do not count
+    assert mode_entropy([[-1, -1]]) == 0
+    with pytest.raises(
+        ValueError, match=r"modes must be whole numbers of shape \(conditions, draw"
+    ):
+        mode_entropy([[0.5, 1.0]])
 
 
 def test_energy_score_is_least_for_the_law_itself():

@@ -9,7 +9,9 @@ import sys
 
 import typer
 
-from cotlearn.cli import bench, course, demos, train
+from cotlearn.cli import course, demos
+from cotlearn.cli.bench import bench
+from cotlearn.cli.train import train
 
 app = typer.Typer(
     add_completion=False,
@@ -19,9 +21,10 @@ app = typer.Typer(
     help="A hands-on course on couplings for conditional flow matching.",
 )
 app.add_typer(course.app)
+app.add_typer(homework.app)
 app.add_typer(demos.app, name="demos")
-app.add_typer(train.app, name="train")
-app.add_typer(bench.app, name="bench")
+app.command()(train)
+app.command()(bench)
 
 
 def main() -> None:

@@ -12,11 +12,9 @@ from cotlearn import assets
 from cotlearn.cli import policies
 from cotlearn.cli.terminal import console, stop, stop_interrupted
 
-app = typer.Typer(no_args_is_help=True, help="Runs the comparisons behind stored tables.")
 
-
-@app.command("push-t")
-def bench_push_t(
+def bench(
+    name: policies.Name,
     methods: Annotated[
         str | None, typer.Option(help="Names with commas between; all without it.")
     ] = None,
@@ -28,55 +26,67 @@ def bench_push_t(
     held_out: Annotated[
         int, typer.Option(min=1, help="Demonstrations kept for the energy score.")
     ] = 200,
-    steps: policies.Steps = 15_000,
-    batch_size: policies.Batch = 256,
-    clusters: policies.Clusters = 4096,
+    steps: policies.Steps = None,
+    batch_size: policies.Batch = None,
+    clusters: policies.Clusters = None,
     condition_weight: policies.Weight = None,
-    frame: policies.Frame = "body",
-    network: policies.Network = "mlp",
+    frame: policies.Frame = None,
+    label: policies.Label = None,
+    network: policies.Network = None,
     data: policies.Data = None,
     folder: Annotated[Path | None, typer.Option(help="Of the cells.")] = None,
     weights: Annotated[Path | None, typer.Option(help="Of policies and checkpoints.")] = None,
     summary: Annotated[Path | None, typer.Option(help="The file about all cells.")] = None,
+    latency: Annotated[
+        bool, typer.Option("--latency", help="Only measure the finished cells' latency again.")
+    ] = False,
 ) -> None:
-    """Compares policies for Push-T: trains and rolls out the cells that are missing.
+    """Compares policies for a task: trains and rolls out the cells that are missing.
 
     Finished cells are skipped and an interrupted training resumes, so that the comparison can be
     completed in several goes, or by two runs side by side on different methods or seeds.
     """
     torch, episode_files = policies.robots()
     from cotlearn.robots import benchmark
-    from cotlearn.robots.training import METHODS, Options
+    from cotlearn.robots.training import METHODS
 
     torch.set_num_threads(1)
-    results = assets.course_folder() / "data" / "results"
-    folder = folder or results / "push_t"
+    short = name.replace("-", "_")
+    folder = folder or assets.course_folder() / "data" / "results" / short
+    weights = weights or Path("build") / short
+    path = summary or folder.with_suffix(".json")
+
+    def say(text: str) -> None:
+        console.print(escape(text))
+
     try:
-        chosen = [name.strip() for name in methods.split(",")] if methods else list(METHODS)
-        numbers = policies.numbers(seeds, "seeds")
-        protocol = benchmark.Protocol(
-            options=Options(
-                steps=steps,
-                batch_size=batch_size,
-                clusters=clusters,
-                condition_weight=condition_weight,
-                frame=frame,
-                network=network,
-            ),
-            train_episodes=train_episodes,
-            held_out=held_out,
-            episodes=episodes,
+        setting = policies.setting(
+            name,
+            steps=steps,
+            batch_size=batch_size,
+            clusters=clusters,
+            condition_weight=condition_weight,
+            frame=frame,
+            label=label,
+            network=network,
         )
-        benchmark.bench(
-            episode_files.read(policies.demonstrations(data)),
-            folder=folder,
-            methods=chosen,
-            seeds=numbers,
-            protocol=protocol,
-            weights=weights or Path("build") / "push_t",
-            say=lambda text: console.print(escape(text)),
-        )
-        path = summary or folder.with_suffix(".json")
+        if latency:
+            benchmark.measure_latency(folder, weights=weights, say=say)
+        else:
+            benchmark.bench(
+                episode_files.read(policies.demonstrations(data, setting)),
+                folder=folder,
+                methods=[m.strip() for m in methods.split(",")] if methods else list(METHODS),
+                seeds=policies.numbers(seeds, "seeds"),
+                protocol=benchmark.Protocol(
+                    options=setting.options,
+                    train_episodes=train_episodes,
+                    held_out=held_out,
+                    episodes=episodes,
+                ),
+                weights=weights,
+                say=say,
+            )
         benchmark.summarise(folder, path)
     except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
         stop(str(error))

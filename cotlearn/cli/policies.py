@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cotlearn import assets
 from cotlearn.cli.terminal import stop_missing
 
-DEMONSTRATIONS = "push_t_demos.npz"
+if TYPE_CHECKING:
+    from cotlearn.robots.settings import Setting
+
+Name = Annotated[str, typer.Argument(help="push-t.")]
 Data = Annotated[
     Path | None,
     typer.Option(
@@ -19,14 +23,15 @@ Data = Annotated[
         "Without it those of the course."
     ),
 ]
-Steps = Annotated[int, typer.Option(min=1, help="Gradient steps.")]
-Batch = Annotated[int, typer.Option(min=1, help="Rows of a gradient step.")]
-Clusters = Annotated[int, typer.Option(min=1, help="Of stratified OT.")]
+Steps = Annotated[int | None, typer.Option(min=1, help="Gradient steps.")]
+Batch = Annotated[int | None, typer.Option(min=1, help="Rows of a gradient step.")]
+Clusters = Annotated[int | None, typer.Option(min=1, help="Of stratified OT.")]
 Weight = Annotated[
     float | None, typer.Option(min=0, help="Of COT; without it the frontier chooses.")
 ]
-Frame = Annotated[str, typer.Option(help="What a policy sees and says: body or world.")]
-Network = Annotated[str, typer.Option(help="mlp or unet.")]
+Frame = Annotated[str | None, typer.Option(help="What a policy sees and says.")]
+Label = Annotated[str | None, typer.Option(help="intention or action.")]
+Network = Annotated[str | None, typer.Option(help="mlp or unet.")]
 
 
 def robots() -> tuple[ModuleType, ModuleType]:
@@ -40,9 +45,23 @@ def robots() -> tuple[ModuleType, ModuleType]:
     return torch, episodes
 
 
-def demonstrations(data: Path | None) -> Path:
+def setting(name: str, **given: Any) -> Setting:
+    """The course's setting of this name, with the options that were given.
+
+    Raises:
+        ValueError: there is none of this name, or an option does not fit.
+    """
+    from cotlearn.robots.settings import SETTINGS
+    from cotlearn.validation import check_choice
+
+    found = SETTINGS[check_choice(name, "task", tuple(SETTINGS))]
+    chosen = {key: value for key, value in given.items() if value is not None}
+    return replace(found, options=replace(found.options, **chosen))
+
+
+def demonstrations(data: Path | None, setting: Setting) -> Path:
     """Returns the path that was given, or that of the course's demonstrations."""
-    return assets.find_data(DEMONSTRATIONS) if data is None else data
+    return assets.find_data(setting.demonstrations) if data is None else data
 
 
 def numbers(text: str, name: str) -> list[int]:

@@ -12,11 +12,9 @@ from rich.table import Table
 from cotlearn.cli import policies
 from cotlearn.cli.terminal import console, stop, stop_interrupted
 
-app = typer.Typer(no_args_is_help=True, help="Trains policies.")
 
-
-@app.command("push-t")
-def train_push_t(
+def train(
+    name: policies.Name,
     coupling: Annotated[
         str,
         typer.Option(
@@ -28,40 +26,47 @@ def train_push_t(
     episodes: Annotated[
         int | None, typer.Option(min=1, help="Demonstrations to train on; all without it.")
     ] = None,
-    steps: policies.Steps = 15_000,
-    batch_size: policies.Batch = 256,
-    clusters: policies.Clusters = 4096,
+    steps: policies.Steps = None,
+    batch_size: policies.Batch = None,
+    clusters: policies.Clusters = None,
     condition_weight: policies.Weight = None,
-    frame: policies.Frame = "body",
-    network: policies.Network = "mlp",
+    frame: policies.Frame = None,
+    label: policies.Label = None,
+    network: policies.Network = None,
     data: policies.Data = None,
-    out: Annotated[Path, typer.Option(help="The file to make.")] = Path("push_t.safetensors"),
+    out: Annotated[
+        Path | None, typer.Option(help="The file to make; NAME.safetensors without it.")
+    ] = None,
     rollouts: Annotated[
         int, typer.Option(min=0, help="Episodes to try each way of drawing chunks in.")
     ] = 50,
 ) -> None:
-    """Trains a policy for Push-T, saves it, and tries it; resumes where it was interrupted."""
+    """Trains a policy for a task, saves it, and tries it; resumes where it was interrupted."""
     torch, episode_files = policies.robots()
-    from cotlearn.robots import benchmark
+    from cotlearn.robots import benchmark, training
     from cotlearn.robots.rollout import rollout
-    from cotlearn.robots.training import Options, train
 
     torch.set_num_threads(1)
+    out = out or Path(f"{name.replace('-', '_')}.safetensors")
     try:
-        options = Options(
+        setting = policies.setting(
+            name,
             steps=steps,
             batch_size=batch_size,
             clusters=clusters,
             condition_weight=condition_weight,
             frame=frame,
+            label=label,
             network=network,
         )
-        chosen = episode_files.read(policies.demonstrations(data))
+        chosen = episode_files.read(policies.demonstrations(data, setting))
         if episodes is not None:
             chosen = chosen.select(list(range(min(episodes, len(chosen)))))
-        options = benchmark.with_weight(coupling, chosen, options)
+        options = benchmark.with_weight(coupling, chosen, setting.options)
         checkpoint = out.with_name(f"{out.stem}.training.safetensors")
-        trained = train(coupling, chosen, seed=seed, options=options, checkpoint=checkpoint)
+        trained = training.train(
+            coupling, chosen, seed=seed, options=options, checkpoint=checkpoint
+        )
     except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
         stop(str(error))
     except KeyboardInterrupt:
@@ -74,10 +79,11 @@ def train_push_t(
         f"{trained.seconds:.0f} s"
     )
     if rollouts:
-        table = Table("sampler", "coverage", "above 0.90", "above 0.95", "ms a chunk", box=None)
+        names = [chosen.task.score, *chosen.task.thresholds]
+        table = Table("sampler", *(n.replace("_", " ") for n in names), "ms a chunk", box=None)
         for sampler in benchmark.samplers(trained.policy):
             policy = trained.policy.with_sampler(sampler)
             scores = rollout(policy, episodes=rollouts).summary()
-            numbers = [f"{scores[name]:.3f}" for name in ("coverage", "success_90", "success_95")]
-            table.add_row(sampler.name, *numbers, f"{1000 * policy.latency():.2f}")
+            values = [f"{scores[n]:.3f}" for n in names]
+            table.add_row(sampler.name, *values, f"{1000 * policy.latency():.2f}")
         console.print(table)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
+from cotlearn.validation import check_number
 
 
 class Velocity(Protocol):
@@ -50,7 +52,39 @@ def conditional_flow_matching_loss(
     Raises:
         ValueError: the network's output has another shape than x1.
     """
-    t = torch.rand(len(pairs), generator=generator, dtype=pairs.x0.dtype).to(pairs.x0.device)
+    return _loss_at(network, pairs, _times(pairs, generator))
+
+
+@dataclass(frozen=True)
+class EarlyFlowMatching:
+    """`conditional_flow_matching_loss` that trains a share of the rows at t = 0.
+
+    The first evaluation is all that one-step sampling has, and a uniform t hardly ever meets it.
+
+    Args:
+        share: of the rows, in [0, 1].
+    """
+
+    share: float
+
+    def __post_init__(self) -> None:
+        if check_number(self.share, "share") > 1:
+            raise ValueError(f"share must lie in [0, 1], got {self.share}")
+
+    def __call__(
+        self, network: Velocity, pairs: Pairs, generator: torch.Generator | None = None
+    ) -> Tensor:
+        """The squared error of each row, (B,)."""
+        early = torch.rand(len(pairs), generator=generator).to(pairs.x0.device) < self.share
+        return _loss_at(network, pairs, _times(pairs, generator).masked_fill(early, 0.0))
+
+
+def _times(pairs: Pairs, generator: torch.Generator | None) -> Tensor:
+    times = torch.rand(len(pairs), generator=generator, dtype=pairs.x0.dtype)
+    return times.to(pairs.x0.device)
+
+
+def _loss_at(network: Velocity, pairs: Pairs, t: Tensor) -> Tensor:
     x_t = interpolate(pairs.x0, pairs.x1, t)
     predicted = network(t, x_t, pairs.c)
     if predicted.shape != x_t.shape:  # broadcasting would hide it

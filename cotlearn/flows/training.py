@@ -143,7 +143,7 @@ def fit(
         ema=_decay(ema),
         coupling=repr(coupling),
         data=str(getattr(data, "name", type(data).__name__)),
-        loss=str(getattr(loss, "__qualname__", type(loss).__name__)),
+        loss=str(getattr(loss, "__qualname__", repr(loss))),
     )
     state = _start(network, coupling, plan)
     if checkpoint is not None and Path(checkpoint).exists():

@@ -16,9 +16,8 @@ from torch import Tensor, nn
 from cotlearn.flows.diffusion import Diffusion, predict
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet
 from cotlearn.flows.solvers import integrate
-from cotlearn.robots.episodes.checked import Array
 from cotlearn.robots.episodes.windows import Windows
-from cotlearn.robots.push_t.task import SIZE
+from cotlearn.robots.task import Array
 from cotlearn.storage import load_tensors, save_tensors
 from cotlearn.validation import check_count
 
@@ -170,10 +169,10 @@ class ChunkPolicy:
         noise: Tensor | None = None,
         generator: torch.Generator | None = None,
     ) -> Array:
-        """Draws chunks (B, predict, 2) in pixels, cut to the world.
+        """Draws chunks (B, predict, A) of actions, cut to the limits of the task.
 
         Args:
-            history: (B, observe, 5), the last states, the present one last.
+            history: (B, observe, columns), the last states, the present one last.
             noise: (draws, B, d), as `noise` gives it; fresh if None.
             generator: of fresh noise.
 
@@ -190,7 +189,7 @@ class ChunkPolicy:
         actions = self.windows.actions(x, history)
         if not np.isfinite(actions).all():
             raise RuntimeError("the policy's actions are not finite: the training went wrong")
-        return actions.clip(0, SIZE)
+        return actions.clip(*self.windows.task.action_limits)
 
     def act(
         self,
@@ -199,14 +198,15 @@ class ChunkPolicy:
         noise: Tensor | None = None,
         generator: torch.Generator | None = None,
     ) -> Array:
-        """The actions (B, execute, 2) to do next; arguments as for `chunk`."""
+        """The actions (B, execute, A) to do next; arguments as for `chunk`."""
         return self.chunk(history, noise=noise, generator=generator)[:, : self.execute]
 
     def latency(self, *, batch: int = 1, repetitions: int = 30) -> float:
-        """The median of the seconds that a chunk takes, from states to actions in pixels."""
+        """The median of the seconds that a chunk takes, from states to actions."""
         check_count(repetitions, "repetitions")
         generator = torch.Generator().manual_seed(0)
-        history = np.full((check_count(batch, "batch"), self.windows.observe, 5), 200.0)
+        state = self.windows.task.worlds(range(check_count(batch, "batch"))).states
+        history = np.repeat(state[:, None], self.windows.observe, axis=1)
         seconds = []
         for _ in range(repetitions + 2):
             started = time.perf_counter()

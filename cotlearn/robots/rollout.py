@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -13,9 +14,7 @@ from torch import Tensor
 
 from cotlearn.couplings.base import generator_for
 from cotlearn.progress import progress_bar
-from cotlearn.robots.episodes.checked import Array
-from cotlearn.robots.push_t import MAX_STEPS, SUCCESS, Simulations, random_state
-from cotlearn.robots.push_t.simulation import checked
+from cotlearn.robots.task import Array, Task
 from cotlearn.validation import check_count
 
 FRESH = 1_000_000  #: seeds from here on are for evaluation (demonstrations' are hashed, 32 bits)
@@ -32,7 +31,7 @@ class Policy(Protocol):
         ...
 
     def act(self, history: ArrayLike, *, noise: Tensor | None = None) -> Array:
-        """Actions (B, execute, 2) from histories (B, observe, 5)."""
+        """Actions (B, execute, A) from histories (B, observe, columns)."""
         ...
 
 
@@ -41,21 +40,21 @@ class Rollouts:
     """What happened in E episodes.
 
     Attributes:
+        task: what was to be done.
         seed: (E,), of the starts: `env.reset(seed=...)`.
-        coverage: (E,), best coverage at any time; the score of Diffusion Policy is
-            min(1, coverage / 0.95).
-        last: (E,), coverage at the end.
+        outcomes: name -> (E,), those of the task's worlds and of its thresholds. `rollouts[name]`
+            is one of them.
         steps: (E,), until success or the time limit.
-        jerk: (E,), the mean of |a_{t+1} - 2 a_t + a_{t-1}| over the actions done, pixels: small
-            is smooth.
+        jerk: (E,), the mean of |a_{t+1} - 2 a_t + a_{t-1}| over the actions done, in the unit of
+            actions: small is smooth.
         seconds: that the policy took, in all.
         chunks: that were drawn, in all.
-        states: (T + 1, E, 5) if recorded; a finished episode stands still.
+        states: (T + 1, E, columns) if recorded; a finished episode stands still.
     """
 
+    task: Task
     seed: NDArray[np.int64]
-    coverage: Array
-    last: Array
+    outcomes: dict[str, Array]
     steps: NDArray[np.int64]
     jerk: Array
     seconds: float
@@ -65,25 +64,16 @@ class Rollouts:
     def __len__(self) -> int:
         return len(self.seed)
 
-    def success(self, threshold: float = SUCCESS) -> NDArray[np.bool_]:
-        """(E,), whether the best coverage was above the threshold."""
-        return self.coverage > threshold
+    def __getitem__(self, outcome: str) -> Array:
+        if outcome not in self.outcomes:
+            raise KeyError(f"{outcome!r} is none of {', '.join(self.outcomes)}")
+        return self.outcomes[outcome]
 
     def summary(self) -> dict[str, float]:
         """The means, for a table."""
-        return {
-            "coverage": float(self.coverage.mean()),
-            "success_90": float(self.success(0.90).mean()),
-            "success_95": float(self.success(SUCCESS).mean()),
-            "steps": float(self.steps.mean()),
-            "jerk": float(self.jerk.mean()),
-        }
-
-
-def starts(episodes: int, first: int = FRESH) -> Array:
-    """The states (episodes, 5) of the seeds first, first + 1, ..."""
-    seeds = range(first, first + check_count(episodes, "episodes"))
-    return np.array([random_state(np.random.default_rng(seed)) for seed in seeds])
+        names = [name for name in self.outcomes if name != "mode"]
+        means = {name: float(self[name].mean()) for name in names}
+        return {**means, "steps": float(self.steps.mean()), "jerk": float(self.jerk.mean())}
 
 
 def rollout(
@@ -91,35 +81,44 @@ def rollout(
     *,
     episodes: int = 200,
     first_seed: int = FRESH,
+    seeds: Sequence[int] | None = None,
     noise_seed: int = 0,
-    max_steps: int = MAX_STEPS,
+    max_steps: int | None = None,
+    task: Task | None = None,
     record: bool = False,
     progress: bool | None = None,
 ) -> Rollouts:
     """Rolls a policy out, all episodes side by side.
 
-    Start and noise of an episode depend on its number, `first_seed` and `noise_seed` alone: two
+    Start and noise of an episode depend on its seed, its number and `noise_seed` alone: two
     policies can be compared episode by episode.
 
     Args:
         policy: sees the last states of each world, and returns the next actions.
         episodes: how many.
         first_seed: of the starts.
+        seeds: of the starts, instead of first_seed, first_seed + 1, ...; may repeat.
         noise_seed: of the policy's noise.
-        max_steps: of an episode.
+        max_steps: of an episode; those of the task if None.
+        task: what is to be done; what the policy was made for if None.
         record: keep all states.
         progress: show a bar; None: in terminals and notebooks.
 
     Raises:
         ValueError: the policy returns another shape, or actions out of range or not finite.
     """
-    check_count(max_steps, "max_steps")
-    worlds = Simulations(starts(episodes, check_count(first_seed, "first_seed", minimum=0)))
-    state, best = worlds.states, worlds.coverage
+    task = _windows(policy).task if task is None else task
+    max_steps = check_count(task.max_steps if max_steps is None else max_steps, "max_steps")
+    if seeds is None:
+        first = check_count(first_seed, "first_seed", minimum=0)
+        seeds = range(first, first + check_count(episodes, "episodes"))
+    episodes = check_count(len(seeds), "seeds")
+    worlds = task.worlds(seeds)
+    state = worlds.states
     history = np.repeat(state[:, None], _observed(policy), axis=1)
-    active = best <= SUCCESS
+    active = ~worlds.finished
     steps = np.zeros(episodes, dtype=np.int64)
-    done = np.full((max_steps, episodes, 2), np.nan)
+    done = np.full((max_steps, episodes, len(task.action)), np.nan)
     kept, seconds, chunks = [state], 0.0, 0
     with progress_bar(total=max_steps, what="rollout", show=progress) as bar:
         for now in range(max_steps):
@@ -131,8 +130,8 @@ def rollout(
                 rng = generator_for(noise_seed, now // policy.execute, NOISE)
                 noise = policy.noise(episodes, rng)[:, rows]
                 started = time.perf_counter()
-                plan = np.zeros((episodes, policy.execute, 2))
-                plan[rows] = _checked(policy.act(history[rows], noise=noise), policy, len(rows))
+                plan = np.zeros((episodes, policy.execute, len(task.action)))
+                plan[rows] = _checked(policy.act(history[rows], noise=noise), policy, task, rows)
                 seconds += time.perf_counter() - started
                 chunks += len(rows)
             action = plan[:, place]
@@ -141,15 +140,14 @@ def rollout(
             steps[active] += 1
             state = worlds.states
             history = np.concatenate([history[:, 1:], state[:, None]], axis=1)
-            best = np.maximum(best, worlds.coverage)
-            active = active & (best <= SUCCESS)
+            active = active & ~worlds.finished
             if record:
                 kept.append(state)
             bar.update()
     return Rollouts(
-        seed=np.arange(first_seed, first_seed + episodes),
-        coverage=best,
-        last=worlds.coverage,
+        task=task,
+        seed=np.asarray(seeds, dtype=np.int64),
+        outcomes=with_thresholds(task, worlds.outcomes()),
         steps=steps,
         jerk=_jerk(done, steps),
         seconds=seconds,
@@ -158,18 +156,31 @@ def rollout(
     )
 
 
+def with_thresholds(task: Task, found: dict[str, Array]) -> dict[str, Array]:
+    """Outcomes of the worlds, and those that follow from them by the task's thresholds."""
+    passed = {
+        name: (found[of] > threshold).astype(np.float64)
+        for name, (of, threshold) in task.thresholds.items()
+    }
+    return {**found, **passed}
+
+
+def _windows(policy: Any) -> Any:
+    if not hasattr(policy, "windows"):
+        raise ValueError("task must be given for a policy that has no windows, got None")
+    return policy.windows
+
+
 def _observed(policy: Any) -> int:
     return int(policy.windows.observe) if hasattr(policy, "windows") else int(policy.observe)
 
 
-def _checked(actions: Any, policy: Policy, rows: int) -> Array:
+def _checked(actions: Any, policy: Policy, task: Task, rows: NDArray[np.int64]) -> Array:
     array = np.asarray(actions)
-    if array.shape != (rows, policy.execute, 2):
-        raise ValueError(
-            f"the policy must return actions of shape {(rows, policy.execute, 2)}, got "
-            f"{array.shape}"
-        )
-    return checked(array, "actions of the policy")
+    expected = len(rows), policy.execute, len(task.action)
+    if array.shape != expected:
+        raise ValueError(f"the policy must return actions of shape {expected}, got {array.shape}")
+    return task.check_actions(array, "actions of the policy")
 
 
 def _jerk(done: Array, steps: NDArray[np.int64]) -> Array:

@@ -1,4 +1,4 @@
-"""Train policies for Push-T: every method on the same data, network and budget."""
+"""Train policies: every method on the same data, network and budget."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cotlearn.couplings.base import generator_for
 from cotlearn.couplings.reflow import MadePairs
 from cotlearn.datasets import Dataset
 from cotlearn.flows.diffusion import Diffusion, regression_loss
-from cotlearn.flows.matching import Loss, conditional_flow_matching_loss
+from cotlearn.flows.matching import EarlyFlowMatching, Loss, conditional_flow_matching_loss
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet
 from cotlearn.flows.solvers import integrate
 from cotlearn.flows.training import FitResult, fit
@@ -65,12 +65,15 @@ class Options:
         network: "mlp", the residual MLP, or "unet", the temporal U-Net.
         width: of the MLP's layers.
         blocks: of the MLP.
-        frame: "body" or "world", see `Windows`.
+        frame: of the task, see `Windows`; its first if None.
         label: "intention" or "action", see `Windows.dataset`.
         scale: "deviation" or "range", see `Windows.fit`.
         observe: steps that a policy sees.
         predict: steps of a chunk.
         execute: steps that are done of it.
+        knots: points that stand for a chunk; every step if None.
+        whole: predict whole episodes from their starts, see `Windows`.
+        early: share of the rows of a flow that are trained at t = 0, see `EarlyFlowMatching`.
         ot_batch_size: rows of minibatch OT and COT.
         condition_weight: of COT; None: COT Policy's rule, "balanced" (`bench` asks the frontier).
         clusters: of stratified OT.
@@ -85,12 +88,15 @@ class Options:
     network: str = "mlp"
     width: int = 384
     blocks: int = 4
-    frame: str = "body"
+    frame: str | None = None
     label: str = "intention"
     scale: str = "deviation"
     observe: int = 2
     predict: int = 16
     execute: int = 8
+    knots: int | None = None
+    whole: bool = False
+    early: float = 0.0
     ot_batch_size: int = 512
     condition_weight: float | None = None
     clusters: int = 4096
@@ -107,6 +113,28 @@ class Options:
             raise ValueError(
                 f"execute must be at most the {self.predict} predicted steps, got {self.execute}"
             )
+
+    @property
+    def flow_loss(self) -> Loss:
+        """The loss of flows."""
+        return EarlyFlowMatching(self.early) if self.early else conditional_flow_matching_loss
+
+    def fitting(self, episodes: Episodes) -> Options:
+        """These options where the episodes have intentions; human demonstrators do not say."""
+        return replace(self, label="action") if episodes.intention is None else self
+
+    def windows(self, episodes: Episodes) -> Windows:
+        """The windows of these options, with the scale of the episodes."""
+        return Windows.fit(
+            episodes,
+            observe=self.observe,
+            predict=self.predict,
+            frame=self.frame,
+            label=self.label,
+            scale=self.scale,
+            knots=self.knots,
+            whole=self.whole,
+        )
 
 
 @dataclass(frozen=True)
@@ -153,16 +181,8 @@ def train(
     """
     check_choice(method, "method", tuple(METHODS))
     options = options or Options()
-    if options.label == "intention" and episodes.intention is None:
-        options = replace(options, label="action")  # human demonstrators do not say
-    windows = Windows.fit(
-        episodes,
-        observe=options.observe,
-        predict=options.predict,
-        frame=options.frame,
-        label=options.label,
-        scale=options.scale,
-    )
+    options = options.fitting(episodes)
+    windows = options.windows(episodes)
     data = windows.dataset(episodes, label=options.label)
     network = make_network(windows, seed=seed, options=options)
     place = None if checkpoint is None else Path(checkpoint)
@@ -196,7 +216,8 @@ def train(
 def make_network(windows: Windows, *, seed: int, options: Options) -> nn.Module:
     """A network for chunks and observations of the windows' sizes."""
     if options.network == "unet":
-        return TemporalUNet(windows.predict, 2, windows.condition_dim, seed=seed)
+        sizes = windows.points, windows.action_dim, windows.condition_dim
+        return TemporalUNet(*sizes, seed=seed)
     return ResidualMLP(
         windows.dim,
         windows.condition_dim,
@@ -245,7 +266,7 @@ def _fit(
         batch_size=options.batch_size,
         ot_batch_size=options.ot_batch_size if coupling.name in _BATCHES else None,
         seed=seed,
-        loss=loss or conditional_flow_matching_loss,
+        loss=loss or options.flow_loss,
         learning_rate=options.learning_rate,
         ema=options.ema,
         checkpoint=checkpoint,

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from cotlearn.couplings import Pairs
-from cotlearn.flows import conditional_flow_matching_loss, interpolate
+from cotlearn.flows import EarlyFlowMatching, conditional_flow_matching_loss, interpolate
 from cotlearn.flows.matching import weighted_mean
 from cotlearn.mixtures import petals
 
@@ -77,3 +77,19 @@ def test_the_mean_takes_weights():
 def test_a_loss_of_another_shape_is_refused(shape):
     with pytest.raises(ValueError, match=r"loss must return one value per row, shape \(6,\)"):
         weighted_mean(torch.zeros(shape), pairs())
+
+
+def test_early_flow_matching_trains_a_share_of_the_rows_at_the_start():
+    batch, seen = pairs(n=4000), []
+
+    def network(t, x, c):
+        seen.append(t)
+        return torch.zeros_like(x)
+
+    losses = EarlyFlowMatching(0.3)(network, batch, seeded(0))
+    assert torch.allclose(losses, (batch.x1 - batch.x0).square().sum(dim=1))
+    assert float((seen[0] == 0).float().mean()) == pytest.approx(0.3, abs=0.04)
+    rest = seen[0][seen[0] > 0]
+    assert float(rest.mean()) == pytest.approx(0.5, abs=0.03)
+    with pytest.raises(ValueError, match=r"share must lie in \[0, 1\], got 1.5"):
+        EarlyFlowMatching(1.5)

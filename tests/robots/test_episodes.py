@@ -186,9 +186,40 @@ def test_what_the_body_frame_sees_does_not_turn_with_the_world(episodes):
         assert np.allclose(windows.actions(chunk, turned), actions, atol=1e-3)
 
 
+def test_whole_episodes_have_one_window(episodes):
+    windows = Windows.fit(episodes, observe=1, predict=40, whole=True)
+    history, actions = windows.cut(episodes)
+    assert history.shape == (len(episodes), 1, 5)
+    assert np.array_equal(history[:, 0], episodes.state[episodes.starts])
+    for number, (first, end) in enumerate(zip(episodes.starts, episodes.ends, strict=True)):
+        assert np.array_equal(actions[number, : end - first], episodes.action[first:end])
+        assert (actions[number, end - first :] == episodes.action[end - 1]).all()
+
+
+@pytest.mark.parametrize("frame", ["body", "world"])
+def test_knots(episodes, frame):
+    """A smooth way from rest to rest comes back from a quarter of its points."""
+    windows = Windows.fit(episodes, frame=frame, predict=40, knots=10)
+    assert (windows.points, windows.dim) == (10, 20)
+    history, _ = windows.cut(episodes)
+    share = np.linspace(0, 1, 41)[1:]
+    share = share**2 * (3 - 2 * share)
+    here = history[:, -1:, :2]
+    way = here + share[:, None] * (np.array([300.0, 200.0]) - here)
+    x = windows.chunks(way, history)
+    assert x.shape == (len(history), 20)
+    assert np.allclose(windows.actions(x, history), way, atol=0.1)
+    seen = windows.chunks(np.repeat(np.arange(40.0)[:, None], 2, axis=1)[None], history[:1])
+    if frame == "world":
+        low, high = windows.action_range
+        at_knots = (seen.numpy().reshape(10, 2) + 1) / 2 * (high - low) + low
+        assert np.allclose(at_knots[:, 0], [3, 7, 11, 15, 19, 23, 27, 31, 35, 39], atol=1e-3)
+
+
 def test_windows_survive_json(episodes):
-    windows = Windows.fit(episodes)
+    windows = Windows.fit(episodes, knots=4, whole=True)
     again = Windows.from_about(json.loads(json.dumps(windows.about())))
+    assert (again.knots, again.whole, again.task) == (4, True, windows.task)
     history, _ = windows.cut(episodes)
     assert torch.equal(again.condition(history), windows.condition(history))
 
@@ -213,6 +244,7 @@ def test_windows_survive_json(episodes):
         (lambda w, e: Windows.fit(e, frame="agent"), ValueError, "frame must be one of body"),
         (lambda w, e: Windows.fit(e, scale="unit"), ValueError, "scale must be one of deviation"),
         (lambda w, e: Windows.fit(e, predict=0), ValueError, "predict must be at least 1"),
+        (lambda w, e: Windows.fit(e, knots=17), ValueError, "knots must be at most the 16"),
         (
             lambda w, e: w.dataset(replace(e, intention=None), label="intention"),
             ValueError,

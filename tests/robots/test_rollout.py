@@ -1,11 +1,20 @@
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
 import torch
 
 import cotlearn.robots  # noqa: F401  (registers the environment)
-from cotlearn.robots.push_t import GOAL
-from cotlearn.robots.rollout import FRESH, rollout, starts
+from cotlearn.robots import rollout as module
+from cotlearn.robots.push_t import GOAL, Simulations
+from cotlearn.robots.push_t.definition import PUSH_T
+from cotlearn.robots.push_t.worlds import PushTWorlds
+from cotlearn.robots.rollout import FRESH
+
+
+def rollout(policy, **options):
+    return module.rollout(policy, **{"task": PUSH_T, **options})
 
 
 class Wander:
@@ -39,30 +48,67 @@ def test_against_the_gymnasium_environment():
 def test_episodes_are_paired():
     many = rollout(Wander(), episodes=5, max_steps=24, progress=False)
     again = rollout(Wander(), episodes=5, max_steps=24, progress=False)
-    assert np.array_equal(many.coverage, again.coverage)
+    assert np.array_equal(many["coverage"], again["coverage"])
     other = rollout(Wander(), episodes=5, max_steps=24, noise_seed=1, progress=False)
     assert not np.array_equal(many.jerk, other.jerk)
     assert len(many) == 5
     assert many.seed[0] == FRESH
 
 
-def test_success_ends_an_episode_and_nobody_asks_for_it_again(monkeypatch):
-    from cotlearn.robots import rollout as module
+class TwoStarts(PushTWorlds):
+    """One is at its goal already."""
 
-    def some_are_there(episodes, first):
-        states = np.array([[50.0, 50.0, *GOAL], [100.0, 100.0, 300.0, 300.0, 0.0]])
-        return states[:episodes]
+    def __init__(self, seeds):
+        Simulations.__init__(
+            self, [[50.0, 50.0, *GOAL], [100.0, 100.0, 300.0, 300.0, 0.0]][: len(seeds)]
+        )
+        self._best, self._mode = self.coverage, np.full(len(seeds), -1.0)
 
-    monkeypatch.setattr(module, "starts", some_are_there)
+
+def test_success_ends_an_episode_and_nobody_asks_for_it_again():
     policy = Wander(scale=0.0)
-    done = rollout(policy, episodes=2, max_steps=8, progress=False)
+    task = replace(PUSH_T, worlds=TwoStarts)
+    done = rollout(policy, task=task, episodes=2, max_steps=8, progress=False)
     assert done.steps.tolist() == [0, 8]
-    assert done.coverage[0] > 0.99
-    assert done.success().tolist() == [True, False]
-    assert done.success(0.0).tolist() == [True, True]
+    assert done["coverage"][0] > 0.99
+    assert done["success_95"].tolist() == [1, 0]
     assert policy.asked == [1, 1]
     assert done.jerk.tolist() == [0, 0]
     assert done.summary()["success_95"] == 0.5
+    assert "mode" not in done.summary()
+    with pytest.raises(KeyError, match="'speed' is none of coverage, last, mode, success_90"):
+        done["speed"]
+
+
+def test_the_side_that_is_pushed_first():
+    class Down(Wander):
+        def act(self, history, *, noise=None):
+            return np.tile([256.0, 400.0], (len(history), 4, 1))
+
+    class Above(PushTWorlds):
+        """An upright T below the agent, and one far away from it."""
+
+        def __init__(self, seeds):
+            Simulations.__init__(
+                self, [[256.0, 100.0, 256, 200, 0.0], [256.0, 100.0, 400, 200, 0.0]]
+            )
+            self._best, self._mode = self.coverage, np.full(2, -1.0)
+
+    task = replace(PUSH_T, worlds=Above)
+    done = rollout(Down(), task=task, episodes=2, max_steps=10, progress=False)
+    assert done["mode"].tolist() == [0, -1]  # the outer edge of the bar; nothing
+
+
+def test_repeated_seeds_start_alike_and_have_noise_of_their_own():
+    done = rollout(Wander(), seeds=[3, 3, 4], max_steps=4, record=True, progress=False)
+    assert done.seed.tolist() == [3, 3, 4]
+    assert np.array_equal(done.states[0, 0], done.states[0, 1])
+    assert not np.array_equal(done.states[-1, 0], done.states[-1, 1])
+
+
+def test_a_policy_without_windows_needs_a_task():
+    with pytest.raises(ValueError, match="task must be given for a policy that has no windows"):
+        module.rollout(Wander(), episodes=1)
 
 
 def test_jerk_by_hand():
@@ -77,7 +123,7 @@ def test_jerk_by_hand():
 def test_starts_are_those_of_the_environment():
     env = gymnasium.make("cotlearn/PushT-v0", obs_type="state").unwrapped
     state, _ = env.reset(seed=7)
-    assert np.allclose(starts(2, first=6)[1][:2], state[:2], atol=1e-3)
+    assert np.allclose(PushTWorlds([6, 7]).states[1][:2], state[:2], atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +131,11 @@ def test_starts_are_those_of_the_environment():
     [
         (np.zeros((2, 3, 2)), ValueError, r"actions of shape \(2, 4, 2\), got \(2, 3, 2\)"),
         (np.full((2, 4, 2), np.nan), ValueError, "actions of the policy must be finite"),
-        (np.full((2, 4, 2), 600.0), ValueError, r"actions of the policy must lie in \[0, 512\]"),
+        (
+            np.full((2, 4, 2), 600.0),
+            ValueError,
+            r"actions of the policy must lie within x in \[0, 512\], y in \[0, 512\]",
+        ),
         (np.full((2, 4, 2), "left"), TypeError, "actions of the policy must be real numbers"),
     ],
 )

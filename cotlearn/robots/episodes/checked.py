@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cotlearn.robots.push_t.task import SIZE
+from cotlearn.robots.push_t.definition import PUSH_T
+from cotlearn.robots.task import Array, Task
 from cotlearn.validation import check_count
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -22,12 +21,14 @@ class Episodes:
     """Demonstrations, one after the other; row t holds a state and the action taken in it.
 
     Attributes:
-        state: (N, 5), agent x and y, T x, y (pixels) and angle (radians).
-        action: (N, 2), targets of the agent, pixels in [0, 512].
+        state: (N, columns of the task's states).
+        action: (N, columns of its actions).
         ends: (E,), where each episode ends, exclusive.
         name: where they come from.
-        intention: (N, 2), what the demonstrator meant before noise was added; None if unknown.
+        intention: as action, what the demonstrator meant before noise was added; None if unknown.
         seed: (E,), `env.reset(seed=...)` gives the start; None if unknown.
+        mode: (E,), which way of doing it the demonstrator took, 0, 1, ...; None if unknown.
+        task: what was demonstrated.
 
     Raises:
         TypeError: an array does not hold real numbers.
@@ -40,12 +41,15 @@ class Episodes:
     name: str = "episodes"
     intention: Array | None = None
     seed: NDArray[np.int64] | None = None
+    mode: NDArray[np.int64] | None = None
+    task: Task = PUSH_T
 
     def __post_init__(self) -> None:
-        rows = self._set("state", self.state, None, 5)
-        self._set("action", self.action, rows, 2)
+        columns = len(self.task.action)
+        rows = self._set("state", self.state, None, len(self.task.state))
+        self._set("action", self.action, rows, columns)
         if self.intention is not None:
-            self._set("intention", self.intention, rows, 2)
+            self._set("intention", self.intention, rows, columns)
         ends = np.asarray(self.ends)
         if ends.dtype.kind not in "iu" or ends.ndim != 1:
             raise TypeError(
@@ -62,15 +66,19 @@ class Episodes:
                 f"{ends.tolist()[:5]}{' ...' if len(ends) > 5 else ''}"
             )
         object.__setattr__(self, "ends", ends.astype(np.int64))
-        if self.seed is not None:
-            if np.shape(self.seed) != ends.shape:
+        for name in ("seed", "mode"):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            if np.shape(value) != ends.shape:
                 raise ValueError(
-                    f"{self.name}: seed has shape {np.shape(self.seed)}, there are {len(ends)} "
+                    f"{self.name}: {name} has shape {np.shape(value)}, there are {len(ends)} "
                     "episodes"
                 )
-            object.__setattr__(self, "seed", np.asarray(self.seed, dtype=np.int64))
-        for name in ("state", "action", "intention"):
-            self._check_values(name)
+            object.__setattr__(self, name, np.asarray(value, dtype=np.int64))
+        self._check_values("state", self.task.state_limits)
+        for name in ("action", "intention"):
+            self._check_values(name, self.task.action_limits)
 
     def __len__(self) -> int:
         return len(self.ends)
@@ -105,6 +113,7 @@ class Episodes:
             ends=ends,
             intention=None if self.intention is None else self.intention[rows],
             seed=None if self.seed is None else self.seed[chosen],
+            mode=None if self.mode is None else self.mode[chosen],
         )
 
     def _set(self, name: str, value: Any, rows: int | None, columns: int) -> int:
@@ -120,11 +129,11 @@ class Episodes:
         object.__setattr__(self, name, array.astype(np.float64))
         return len(array)
 
-    def _check_values(self, name: str) -> None:
+    def _check_values(self, name: str, limits: Array) -> None:
         values = getattr(self, name)
         if values is None:
             return
-        low, high = _RANGE[name]
+        low, high = limits
         with np.errstate(invalid="ignore"):
             good = np.isfinite(values) & (values >= low) & (values <= high)
         if not good.all():
@@ -135,18 +144,6 @@ class Episodes:
                 f"{values[row].tolist()} in row {row}, step {row - self.starts[episode]} of "
                 f"episode {episode}; {int((~good).any(axis=1).sum())} rows are like that"
             )
-
-
-_FREE = 1e4  #: angles may have turned several times
-#: The agent can swing a little beyond the world; the block cannot leave it by more than its size.
-_RANGE: dict[str, tuple[Any, Any]] = {
-    "state": (
-        np.array([-SIZE, -SIZE, -SIZE, -SIZE, -_FREE]),
-        np.array([2 * SIZE, 2 * SIZE, 2 * SIZE, 2 * SIZE, _FREE]),
-    ),
-    "action": (0.0, SIZE),
-    "intention": (0.0, SIZE),
-}
 
 
 def split(

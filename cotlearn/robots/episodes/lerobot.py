@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cotlearn.robots.episodes.checked import Array, Episodes, need
+from cotlearn.robots.episodes.checked import Episodes, need
 from cotlearn.robots.push_t.geometry import corners, coverage
 from cotlearn.robots.push_t.task import CONTROL_SECONDS, KEYPOINTS, SUCCESS
+from cotlearn.robots.task import Array
 from cotlearn.storage import atomic_path
 
 AGENT, BLOCK, ACTION = "observation.state", "observation.environment_state", "action"

@@ -8,49 +8,59 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
 from torch import Tensor
 
 from cotlearn.datasets import Dataset
-from cotlearn.robots.episodes.checked import Array, Episodes
-from cotlearn.robots.push_t.task import GOAL
+from cotlearn.robots.episodes.checked import Episodes
+from cotlearn.robots.registry import find_task
+from cotlearn.robots.task import Array, Frame, Task
 from cotlearn.validation import check_choice, check_count
 
-FRAMES = ("body", "world")
 LABELS = ("action", "intention")
 SCALES = ("deviation", "range")
-FEATURES = 6  #: of one observed step
 
 
 @dataclass(frozen=True)
 class Windows:
     """How episodes become rows (x1, c) and how a row becomes actions again.
 
-    c is the flattened history of observations, x1 the flattened chunk of actions, each coordinate
-    scaled so that an interval of the training set's becomes [-1, 1]: its mean -+ its standard
-    deviation, or its whole range. In the frame "body" an observed step is the agent's
-    place, the goal's place, and the cosine and sine of the goal's angle, all seen from the T of
-    that step; actions are seen from the T of the last one. In the frame "world" it is the agent's
-    place, the T's place, and the cosine and sine of its angle. Make one with `Windows.fit`.
+    c is the flattened history of observations, x1 the flattened chunk of actions, both in a frame
+    of the task, each coordinate scaled so that an interval of the training set's becomes [-1, 1]:
+    its mean -+ its standard deviation, or its whole range. Make one with `Windows.fit`.
 
     Attributes:
+        task: whose states and actions they are.
         observe: steps that a policy sees, the present one last.
         predict: steps of a chunk, the present one first.
-        frame: "body" or "world".
-        observation_range: (2, 6), the values of each feature that become -1 and 1.
-        action_range: (2, 2), the values of each coordinate that become -1 and 1.
+        frame: a key of `task.frames`.
+        observation_range: (2, F), the values of each feature that become -1 and 1.
+        action_range: (2, A), the values of each coordinate that become -1 and 1.
+        knots: points that stand for a chunk, evenly spaced in time, the last action among them;
+            a cubic spline through them, from rest to rest, fills in the others. None: no knots,
+            every step is predicted.
+        whole: one window for each episode, from its first step, instead of one for each step.
     """
 
+    task: Task
     observe: int
     predict: int
     frame: str
     observation_range: Array
     action_range: Array
+    knots: int | None = None
+    whole: bool = False
 
     def __post_init__(self) -> None:
         check_count(self.observe, "observe")
         check_count(self.predict, "predict")
-        check_choice(self.frame, "frame", FRAMES)
-        for name, columns in (("observation_range", FEATURES), ("action_range", 2)):
+        check_choice(self.frame, "frame", tuple(self.task.frames))
+        if self.knots is not None and check_count(self.knots, "knots") > self.predict:
+            raise ValueError(
+                f"knots must be at most the {self.predict} predicted steps, got {self.knots}"
+            )
+        sizes = ("observation_range", self._frame.features), ("action_range", self.action_dim)
+        for name, columns in sizes:
             value = np.asarray(getattr(self, name), dtype=np.float64)
             if value.shape != (2, columns) or not np.isfinite(value).all():
                 raise ValueError(f"{name} must be finite of shape (2, {columns}): {value.tolist()}")
@@ -65,9 +75,11 @@ class Windows:
         *,
         observe: int = 2,
         predict: int = 16,
-        frame: str = "body",
+        frame: str | None = None,
         label: str = "action",
         scale: str = "deviation",
+        knots: int | None = None,
+        whole: bool = False,
     ) -> Windows:
         """Takes the scale from the windows of training episodes.
 
@@ -75,32 +87,48 @@ class Windows:
             episodes: to train on.
             observe: steps that a policy sees.
             predict: steps of a chunk.
-            frame: "body" or "world".
+            frame: a key of `episodes.task.frames`; the first if None.
             label: as in `dataset`.
             scale: "deviation" gives every coordinate mean 0 and variance 1, as the noise has;
-                "range" fills [-1, 1], as Diffusion Policy does. Seen from the T, actions are
-                mostly near and rarely far, and the range leaves them a seventh of the noise.
+                "range" fills [-1, 1], as Diffusion Policy does. Seen from Push-T's block, actions
+                are mostly near and rarely far, and the range leaves them a seventh of the noise.
+            knots: points that stand for a chunk.
+            whole: only the windows with which episodes begin.
         """
         check_choice(scale, "scale", SCALES)
-        unit = cls(observe, predict, frame, *(np.array([[-1.0] * n, [1.0] * n]) for n in (6, 2)))
+        task = episodes.task
+        frame = check_choice(frame or next(iter(task.frames)), "frame", tuple(task.frames))
+        sizes = task.frames[frame].features, len(task.action)
+        first, second = (np.array([[-1.0] * n, [1.0] * n]) for n in sizes)
+        unit = cls(task, observe, predict, frame, first, second, knots, whole)
         history, actions = unit.cut(episodes, label=label)
-        seen = unit._features(history).reshape(-1, FEATURES)
-        wanted = unit._into_frame(actions, history).reshape(-1, 2)
+        seen = unit._frame.observe(history).reshape(-1, sizes[0])
+        wanted = unit._at_knots(unit._frame.into(actions, history)).reshape(-1, sizes[1])
         ends = _deviation if scale == "deviation" else _range
-        return cls(observe, predict, frame, ends(seen), ends(wanted))
+        return cls(task, observe, predict, frame, ends(seen), ends(wanted), knots, whole)
+
+    @property
+    def action_dim(self) -> int:
+        """A, numbers of one action."""
+        return len(self.task.action)
+
+    @property
+    def points(self) -> int:
+        """Points that x1 holds: the knots, or every predicted step."""
+        return self.knots or self.predict
 
     @property
     def dim(self) -> int:
-        """Columns of x1: predict * 2."""
-        return 2 * self.predict
+        """Columns of x1: points * A."""
+        return self.points * self.action_dim
 
     @property
     def condition_dim(self) -> int:
-        """Columns of c: observe * 6."""
-        return FEATURES * self.observe
+        """Columns of c: observe * F."""
+        return self._frame.features * self.observe
 
     def cut(self, episodes: Episodes, *, label: str = "action") -> tuple[Array, Array]:
-        """Every window, one for each row: histories (N, observe, 5) and actions (N, predict, 2).
+        """Histories (N, observe, columns) and actions (N, predict, A), one window for each row.
 
         At both ends of an episode the first state and the last action are repeated.
         """
@@ -108,15 +136,18 @@ class Windows:
         actions = episodes.action if label == "action" else episodes.intention
         if actions is None:
             raise ValueError(f"{episodes.name} has no intentions: use label='action'")
-        row = np.arange(len(episodes.state))[:, None]
-        first = np.repeat(episodes.starts, episodes.lengths)[:, None]
-        last = np.repeat(episodes.ends, episodes.lengths)[:, None] - 1
-        seen = np.maximum(row + np.arange(1 - self.observe, 1), first)
-        done = np.minimum(row + np.arange(self.predict), last)
-        return episodes.state[seen], actions[done]
+        starts, ends = episodes.starts, episodes.ends
+        row = starts if self.whole else np.arange(len(episodes.state))
+        episode = np.searchsorted(ends, row, side="right")
+        seen = row[:, None] + np.arange(1 - self.observe, 1)
+        done = row[:, None] + np.arange(self.predict)
+        return (
+            episodes.state[np.maximum(seen, starts[episode, None])],
+            actions[np.minimum(done, ends[episode, None] - 1)],
+        )
 
     def dataset(self, episodes: Episodes, *, label: str = "action") -> Dataset:
-        """All windows as rows: x1 (N, predict * 2), c (N, observe * 6), float32.
+        """All windows as rows: x1 (N, points * A), c (N, observe * F), float32.
 
         Args:
             episodes: any.
@@ -128,44 +159,42 @@ class Windows:
         return Dataset(self.chunks(actions, history), self.condition(history), name=name)
 
     def condition(self, history: ArrayLike) -> Tensor:
-        """c of shape (B, observe * 6), float32, from states (B, observe, 5)."""
-        features = self._features(self.check_history(history))
+        """c of shape (B, observe * F), float32, from states (B, observe, columns)."""
+        features = self._frame.observe(self.check_history(history))
         scaled = _scale(features, self.observation_range)
         return torch.from_numpy(scaled.reshape(len(scaled), -1)).float()
 
     def chunks(self, actions: ArrayLike, history: ArrayLike) -> Tensor:
-        """x1 of shape (B, predict * 2), float32, from actions (B, predict, 2) in pixels."""
+        """x1 of shape (B, points * A), float32, from actions (B, predict, A) in the world."""
         history = self.check_history(history)
         wanted = np.asarray(actions, dtype=np.float64)
-        if wanted.shape != (len(history), self.predict, 2):
-            raise ValueError(
-                f"actions must have shape {(len(history), self.predict, 2)}, got {wanted.shape}"
-            )
-        scaled = _scale(self._into_frame(wanted, history), self.action_range)
+        if wanted.shape != (expected := (len(history), self.predict, self.action_dim)):
+            raise ValueError(f"actions must have shape {expected}, got {wanted.shape}")
+        seen = self._at_knots(self._frame.into(wanted, history))
+        scaled = _scale(seen, self.action_range)
         return torch.from_numpy(scaled.reshape(len(scaled), -1)).float()
 
     def actions(self, x: Tensor, history: ArrayLike) -> Array:
-        """Actions (B, predict, 2) in pixels, not clipped, from chunks x (B, predict * 2)."""
+        """Actions (B, predict, A) in the world, not clipped, from chunks x (B, points * A)."""
         history = self.check_history(history)
         if x.shape != (len(history), self.dim):
             raise ValueError(f"x must have shape {(len(history), self.dim)}, got {tuple(x.shape)}")
-        values = x.detach().to("cpu", torch.float64).numpy().reshape(-1, self.predict, 2)
+        values = x.detach().to("cpu", torch.float64).numpy()
+        values = values.reshape(-1, self.points, self.action_dim)
         low, high = self.action_range
-        values = low + (values + 1) / 2 * (high - low)
-        if self.frame == "world":
-            return values
-        pose = history[:, -1:, 2:]
-        return _turn(values, pose[..., 2]) + pose[..., :2]
+        values = self._between_knots(low + (values + 1) / 2 * (high - low), history)
+        return self._frame.out(values, history)
 
     def check_history(self, history: ArrayLike) -> Array:
-        """Returns states (B, observe, 5) as float64 if they are finite."""
+        """Returns states (B, observe, columns) as float64 if they are finite."""
         array = np.asarray(history)
         if array.dtype.kind not in "fiu":
             raise TypeError(f"history must hold real numbers, got {array.dtype}")
-        if array.ndim != 3 or array.shape[1:] != (self.observe, 5) or len(array) == 0:
+        columns = self.task.state
+        if array.ndim != 3 or array.shape[1:] != (self.observe, len(columns)) or len(array) == 0:
             raise ValueError(
-                f"history must have shape (rows, {self.observe}, 5): agent x and y, T x, y and "
-                f"angle of {self.observe} steps; got {array.shape}"
+                f"history must have shape (rows, {self.observe}, {len(columns)}): "
+                f"{', '.join(columns)} of {self.observe} steps; got {array.shape}"
             )
         if not np.isfinite(array).all():
             bad = np.flatnonzero(~np.isfinite(array).all(axis=(1, 2)))
@@ -175,34 +204,44 @@ class Windows:
     def about(self) -> dict[str, Any]:
         """Everything, JSON-compatible: `Windows.from_about(windows.about())` is the same."""
         return {
+            "task": self.task.name,
             "observe": self.observe,
             "predict": self.predict,
             "frame": self.frame,
             "observation_range": self.observation_range.tolist(),
             "action_range": self.action_range.tolist(),
+            "knots": self.knots,
+            "whole": self.whole,
         }
 
     @classmethod
     def from_about(cls, about: dict[str, Any]) -> Windows:
         """Takes back what `about` gave."""
-        return cls(**{**about, **{n: np.array(about[n]) for n in about if n.endswith("range")}})
+        ranges = {name: np.array(about[name]) for name in about if name.endswith("range")}
+        return cls(**{**about, **ranges, "task": find_task(about["task"])})
 
-    def _features(self, history: Array) -> Array:
-        """(B, observe, 6)."""
-        agent, place, angle = history[..., :2], history[..., 2:4], history[..., 4]
-        if self.frame == "body":
-            agent = _turn(agent - place, -angle)
-            place = _turn(np.array(GOAL[:2]) - place, -angle)
-            angle = GOAL[2] - angle
-        return np.concatenate(
-            [agent, place, np.cos(angle)[..., None], np.sin(angle)[..., None]], -1
+    @property
+    def _frame(self) -> Frame:
+        return self.task.frames[self.frame]
+
+    @property
+    def _knot_steps(self) -> NDArray[np.int64]:
+        """The steps of a chunk at which its knots are, 1 to predict."""
+        return np.rint(np.arange(1, self.points + 1) * self.predict / self.points).astype(np.int64)
+
+    def _at_knots(self, actions: Array) -> Array:
+        return actions[:, self._knot_steps - 1]
+
+    def _between_knots(self, values: Array, history: Array) -> Array:
+        """The spline through where the tool is now and the knots, at every step."""
+        if self.knots is None:
+            return values
+        here = self._frame.into(history[:, -1:, : self.action_dim], history)
+        times = np.concatenate([[0], self._knot_steps])
+        curve = CubicSpline(
+            times, np.concatenate([here, values], axis=1), axis=1, bc_type="clamped"
         )
-
-    def _into_frame(self, actions: Array, history: Array) -> Array:
-        if self.frame == "world":
-            return actions
-        pose = history[:, -1:, 2:]
-        return _turn(actions - pose[..., :2], -pose[..., 2])
+        return np.asarray(curve(np.arange(1, self.predict + 1)))
 
 
 def _range(values: Array) -> Array:
@@ -213,13 +252,6 @@ def _deviation(values: Array) -> Array:
     varies = values.min(axis=0) < values.max(axis=0)  # whatever rounding says
     mean, deviation = values.mean(axis=0), np.where(varies, values.std(axis=0), 0.0)
     return np.array([mean - deviation, mean + deviation])
-
-
-def _turn(points: Array, angle: Array) -> Array:
-    """Points (..., 2) turned by angles (...)."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y = points[..., 0], points[..., 1]
-    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
 def _scale(values: Array, ends: NDArray[np.float64]) -> Array:

@@ -68,6 +68,21 @@ def coverage(pose: ArrayLike) -> Array:
     return np.clip(area / AREA, 0.0, 1.0)
 
 
+def nearest_side(agent: ArrayLike, pose: ArrayLike) -> NDArray[np.int64]:
+    """The side of the T that is nearest to the agent, (n,), 0 to 7 round the outline.
+
+    Args:
+        agent: (n, 2), places in the world.
+        pose: (n, 3), x, y and angle of the T.
+    """
+    point = np.asarray(agent, dtype=np.float64)[:, None]
+    first = corners(pose)
+    along = np.roll(first, -1, axis=1) - first
+    share = ((point - first) * along).sum(axis=-1) / (along**2).sum(axis=-1)
+    nearest = first + share.clip(0, 1)[..., None] * along
+    return np.asarray(((point - nearest) ** 2).sum(axis=-1).argmin(axis=1), dtype=np.int64)
+
+
 def _in_goal_frame(pose: Array) -> Array:
     dx, dy = pose[..., 0] - GOAL[0], pose[..., 1] - GOAL[1]
     x, y = _COS_GOAL * dx + _SIN_GOAL * dy, _COS_GOAL * dy - _SIN_GOAL * dx

@@ -1,0 +1,181 @@
+"""`cotlearn check`, `progress`, `grade` and `homework`: self-checks, grades, and their making."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from cotlearn import assets
+from cotlearn.cli.terminal import console, stop, stop_interrupted, stop_missing
+
+if TYPE_CHECKING:
+    from cotlearn.homework.grading import Row
+    from cotlearn.homework.isolation import Limits
+    from cotlearn.homework.marking import Mark
+
+app = typer.Typer()
+
+_Seconds = Annotated[float, typer.Option(min=1, help="Of computing for one question.")]
+_Gigabytes = Annotated[
+    float, typer.Option(min=0.1, help="Of memory for one question (only on Linux).")
+]
+_Masters = Annotated[
+    Path | None, typer.Option(help="Folder of the master notebooks; without it the course's own.")
+]
+_SIGNS = {"correct": "[green]✓[/]", "not yet": "[red]✗[/]", "not attempted yet": "·"}
+
+
+@app.command()
+def check(
+    notebook: Annotated[
+        list[str], typer.Argument(help="Notebooks: files, or numbers (01) of the course.")
+    ],
+    seconds: _Seconds = 60,
+    gigabytes: _Gigabytes = 4,
+) -> None:
+    """Checks the answers in a notebook, each in a process of its own.
+
+    Nothing of the notebook is changed. An endless loop, an exit or a flood of prints costs its own
+    question and no other.
+    """
+    limits = _limits(seconds, gigabytes)
+    from cotlearn.homework import progress
+    from cotlearn.homework.marking import mark
+
+    wrong = 0
+    for name in notebook:
+        try:
+            path = Path(name) if Path(name).exists() else assets.find_notebook(name)
+            console.print(f"[bold]{escape(path.name)}[/]")
+            marked = mark(path, limits=limits, each=_print)
+        except ModuleNotFoundError as error:
+            stop_missing(error.name)
+        except ValueError as error:
+            stop(str(error))
+        except KeyboardInterrupt:
+            raise typer.Exit(130) from None
+        if marked.note:
+            console.print(f"note: {escape(marked.note)}")
+        done = sum(item.correct for item in marked.marks)
+        console.print(f"{done} of {len(marked.marks)} correct")
+        wrong += len(marked.marks) - done
+        progress.remember({item.question: item.verdict for item in marked.marks})
+    raise typer.Exit(1 if wrong else 0)
+
+
+def _print(mark: Mark) -> None:
+    text = "" if mark.verdict == "correct" else f": {mark.sentence}"
+    console.print(f"{_SIGNS[mark.verdict]} {mark.question}{escape(text)}")
+
+
+@app.command("progress")
+def show_progress() -> None:
+    """Shows which exercises are done and which is next; reads one file on this machine."""
+    from cotlearn.homework import progress
+    from cotlearn.homework.assignments import find, masters
+
+    try:
+        names = [path.name[:2] for path in assets.notebooks()] + [path.stem for path in masters()]
+        found = [find(name) for name in names]
+    except ModuleNotFoundError as error:
+        stop_missing(error.name)
+    known = {name: item["verdict"] for name, item in progress.read().items()}
+    table = Table("", "", "", box=None, show_header=False, pad_edge=False)
+    following = None
+    for assignment in found:
+        signs = [_SIGNS[known.get(item.name, "not attempted yet")] for item in assignment.questions]
+        done = sum(known.get(item.name) == "correct" for item in assignment.questions)
+        table.add_row(escape(assignment.title), f"{done} of {len(signs)}", " ".join(signs))
+        open_ones = [item.name for item in assignment.questions if known.get(item.name) != "correct"]
+        if following is None and open_ones:
+            following = f"{open_ones[0]} in {assignment.path.name}"
+    console.print(table)
+    console.print(f"next: {following}" if following else "all exercises are done")
+    console.print(f"kept in {escape(str(progress.file()))}, and sent nowhere")
+
+
+@app.command()
+def grade(
+    folder: Annotated[Path, typer.Argument(help="With the notebooks that were handed in.")],
+    out: Annotated[Path, typer.Option(help="The table to write.")] = Path("grades.csv"),
+    masters: _Masters = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Notebooks at a time; without it one a core.")
+    ] = None,
+    seconds: _Seconds = 60,
+    gigabytes: _Gigabytes = 4,
+) -> None:
+    """Grades a folder of notebooks with the hidden tests, and writes feedback for each student.
+
+    Run it again after an interruption: what is done is kept. The limits on processes guard against
+    accidents and are no security sandbox; docs/grading.md shows how to grade a class that you
+    do not trust.
+    """
+    limits = _limits(seconds, gigabytes)
+    from cotlearn.homework import grading
+
+    try:
+        rows = grading.grade(
+            folder, out, masters=masters, workers=workers, limits=limits, each=_print_row
+        )
+    except ModuleNotFoundError as error:
+        stop_missing(error.name)
+    except ValueError as error:
+        stop(str(error))
+    except KeyboardInterrupt:
+        stop_interrupted()
+    unread = [row for row in rows if not row.marked.marks]
+    console.print(
+        f"{len(rows)} notebooks, {sum(row.kept for row in rows)} of them known from before, "
+        f"{len(unread)} could not be graded"
+    )
+    console.print(f"table: {escape(str(out))}; feedback: {escape(str(out.with_suffix('')))}")
+
+
+def _print_row(row: Row, done: int, total: int) -> None:
+    marked = row.marked
+    result = f"{marked.points:g} of {marked.out_of:g}" if marked.marks else marked.note
+    console.print(f"{done}/{total} {escape(row.file)}: {escape(result)}")
+
+
+@app.command()
+def homework(
+    out: Annotated[Path, typer.Option(help="The folder to make.")] = Path("build/homework"),
+    secret_seed: Annotated[
+        str | None,
+        typer.Option(envvar="SECRET_SEED", help="Any words; makes hidden tests of your own."),
+    ] = None,
+    masters: _Masters = None,
+) -> None:
+    """Makes student and autograder versions of the homework with otter-grader, and tries them."""
+    from cotlearn.homework import release
+
+    try:
+        release.make(
+            out, masters=masters, secret_seed=secret_seed, say=lambda text: console.print(
+                escape(text)
+            )
+        )
+    except ModuleNotFoundError as error:
+        stop_missing(error.name)
+    except ValueError as error:
+        stop(str(error))
+
+
+def _limits(seconds: float, gigabytes: float) -> Limits:
+    """The limits, after a word on a system that cannot keep one of them."""
+    try:
+        from cotlearn.homework.isolation import Limits, has_memory_limit
+        import torch  # noqa: F401
+    except ModuleNotFoundError as error:
+        stop_missing(error.name)
+    if not has_memory_limit():
+        console.print(
+            "note: this system has no memory limit for a process; an answer that fills the memory "
+            "can slow the machine down"
+        )
+    return Limits(seconds, gigabytes)

@@ -1,0 +1,28 @@
+"""Push-T as a `Task`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cotlearn.robots.push_t.frames import BodyFrame, WorldFrame
+from cotlearn.robots.push_t.task import MAX_STEPS, SIZE, SUCCESS
+from cotlearn.robots.push_t.worlds import PushTWorlds
+from cotlearn.robots.task import Task
+
+_TURNS = 1e4  #: angles may have turned several times
+
+#: The agent can swing a little beyond the world; the T cannot leave it by more than its size.
+PUSH_T = Task(
+    name="push-t",
+    state=("agent x", "agent y", "T x", "T y", "T angle"),
+    action=("x", "y"),
+    state_limits=np.array([[-SIZE] * 4 + [-_TURNS], [2 * SIZE] * 4 + [_TURNS]]),
+    action_limits=np.array([[0.0, 0.0], [SIZE, SIZE]]),
+    max_steps=MAX_STEPS,
+    frames={"body": BodyFrame(), "world": WorldFrame()},
+    worlds=PushTWorlds,
+    score="coverage",
+    thresholds={"success_90": ("coverage", 0.90), "success_95": ("coverage", SUCCESS)},
+    modes=8,
+    mode_steps=80,
+)

@@ -1,0 +1,63 @@
+"""Push-T seen from the T, or as it is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cotlearn.robots.push_t.task import GOAL
+from cotlearn.robots.task import Array
+
+
+class BodyFrame:
+    """Everything seen from the T.
+
+    A state becomes the agent's place, the goal's place, and the cosine and sine of the goal's
+    angle, all in the frame of the T of that state; actions are seen from the T of the last one.
+    """
+
+    features = 6
+
+    def observe(self, history: Array) -> Array:
+        """(B, T, 6) from states (B, T, 5)."""
+        agent, place, angle = history[..., :2], history[..., 2:4], history[..., 4]
+        goal = _turn(np.array(GOAL[:2]) - place, -angle)
+        return _features(_turn(agent - place, -angle), goal, GOAL[2] - angle)
+
+    def into(self, actions: Array, history: Array) -> Array:
+        """Actions (B, n, 2) seen from the T of the last state."""
+        pose = history[:, -1:, 2:]
+        return _turn(actions - pose[..., :2], -pose[..., 2])
+
+    def out(self, actions: Array, history: Array) -> Array:
+        """The inverse of `into`."""
+        pose = history[:, -1:, 2:]
+        return _turn(actions, pose[..., 2]) + pose[..., :2]
+
+
+class WorldFrame:
+    """A state becomes the agent's place, the T's place, and the cosine and sine of its angle."""
+
+    features = 6
+
+    def observe(self, history: Array) -> Array:
+        """(B, T, 6) from states (B, T, 5)."""
+        return _features(history[..., :2], history[..., 2:4], history[..., 4])
+
+    def into(self, actions: Array, history: Array) -> Array:
+        """The actions, as they are."""
+        return actions
+
+    def out(self, actions: Array, history: Array) -> Array:
+        """The actions, as they are."""
+        return actions
+
+
+def _features(agent: Array, place: Array, angle: Array) -> Array:
+    return np.concatenate([agent, place, np.cos(angle)[..., None], np.sin(angle)[..., None]], -1)
+
+
+def _turn(points: Array, angle: Array) -> Array:
+    """Points (..., 2) turned by angles (...)."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)

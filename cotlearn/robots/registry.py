@@ -1,0 +1,18 @@
+"""The tasks of the course, by name."""
+
+from __future__ import annotations
+
+from cotlearn.robots.push_t.definition import PUSH_T
+from cotlearn.robots.task import Task
+from cotlearn.validation import check_choice
+
+TASKS = {task.name: task for task in (PUSH_T,)}
+
+
+def find_task(name: str) -> Task:
+    """The task of this name.
+
+    Raises:
+        ValueError: there is none.
+    """
+    return TASKS[check_choice(name, "task", tuple(TASKS))]
