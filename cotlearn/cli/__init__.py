@@ -9,7 +9,7 @@ import sys
 
 import typer
 
-from cotlearn.cli import course, demos
+from cotlearn.cli import course, demos, homework
 from cotlearn.cli.bench import bench
 from cotlearn.cli.train import train
 

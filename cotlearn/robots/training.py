@@ -50,7 +50,6 @@ METHODS = {
 }
 NETWORKS = ("mlp", "unet")
 _LOSSES: dict[str, Loss] = {"behaviour_cloning": regression_loss, "diffusion": Diffusion().loss}
-_BATCHES = (MinibatchOT.name, ConditionalOT.name)  #: couplings that pair options.ot_batch_size rows
 
 
 @dataclass(frozen=True)
@@ -264,7 +263,7 @@ def _fit(
         coupling,
         steps=options.steps,
         batch_size=options.batch_size,
-        ot_batch_size=options.ot_batch_size if coupling.name in _BATCHES else None,
+        ot_batch_size=options.ot_batch_size if coupling.uses_ot_batch else None,
         seed=seed,
         loss=loss or options.flow_loss,
         learning_rate=options.learning_rate,
