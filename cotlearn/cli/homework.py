@@ -90,9 +90,9 @@ def show_progress() -> None:
         signs = [_SIGNS[known.get(item.name, "not attempted yet")] for item in assignment.questions]
         done = sum(known.get(item.name) == "correct" for item in assignment.questions)
         table.add_row(escape(assignment.title), f"{done} of {len(signs)}", " ".join(signs))
-        open_ones = [item.name for item in assignment.questions if known.get(item.name) != "correct"]
-        if following is None and open_ones:
-            following = f"{open_ones[0]} in {assignment.path.name}"
+        names = [item.name for item in assignment.questions if known.get(item.name) != "correct"]
+        if following is None and names:
+            following = f"{names[0]} in {assignment.path.name}"
     console.print(table)
     console.print(f"next: {following}" if following else "all exercises are done")
     console.print(f"kept in {escape(str(progress.file()))}, and sent nowhere")
@@ -156,9 +156,10 @@ def homework(
 
     try:
         release.make(
-            out, masters=masters, secret_seed=secret_seed, say=lambda text: console.print(
-                escape(text)
-            )
+            out,
+            masters=masters,
+            secret_seed=secret_seed,
+            say=lambda text: console.print(escape(text)),
         )
     except ModuleNotFoundError as error:
         stop_missing(error.name)
@@ -169,8 +170,9 @@ def homework(
 def _limits(seconds: float, gigabytes: float) -> Limits:
     """The limits, after a word on a system that cannot keep one of them."""
     try:
-        from cotlearn.homework.isolation import Limits, has_memory_limit
         import torch  # noqa: F401
+
+        from cotlearn.homework.isolation import Limits, has_memory_limit
     except ModuleNotFoundError as error:
         stop_missing(error.name)
     if not has_memory_limit():

@@ -50,11 +50,6 @@ class Question:
     answer: str
     tests: tuple[HiddenTest, ...] = ()
 
-    @property
-    def points(self) -> float:
-        """What the question is worth."""
-        return sum(test.points for test in self.tests)
-
 
 @dataclass(frozen=True)
 class Assignment:
@@ -73,11 +68,6 @@ class Assignment:
     questions: tuple[Question, ...]
     setup: str
     path: Path
-
-    @property
-    def points(self) -> float:
-        """What the assignment is worth."""
-        return sum(question.points for question in self.questions)
 
 
 def masters(folder: Path | None = None) -> list[Path]:
