@@ -112,7 +112,7 @@ def grade(
     """Grades a folder of notebooks with the hidden tests, and writes feedback for each student.
 
     Run it again after an interruption: what is done is kept. The limits on processes guard against
-    accidents and are no security sandbox; docs/grading.md shows how to grade a class that you
+    accidents and are no security sandbox; docs/teaching/grading.md shows how to grade a class that you
     do not trust.
     """
     limits = _limits(seconds, gigabytes)

@@ -2,7 +2,7 @@
 
 This keeps accidents apart: an endless loop, an `exit()`, a flood of prints or an array that fills
 the memory costs one question and nothing else. It is no security sandbox: code that means harm has
-all rights of the user who runs it (see docs/grading.md).
+all rights of the user who runs it (see docs/teaching/grading.md).
 """
 
 from __future__ import annotations

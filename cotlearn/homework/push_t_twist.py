@@ -1,0 +1,109 @@
+"""Push-T with a twist, for homework 4: the goal lies elsewhere, or a round obstacle is in the way.
+
+The obstacle is not solid: the finger may run over it, and that is counted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cotlearn.robots.push_t import GOAL, MAX_STEPS, Simulations, coverage, random_state
+from cotlearn.validation import check_count
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Twist:
+    """What is different.
+
+    Attributes:
+        goal: x, y and angle of the pose that the T should take.
+        obstacle: x, y and radius of a disc that the finger's middle should keep out of, or None.
+    """
+
+    goal: tuple[float, float, float] = GOAL
+    obstacle: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Played:
+    """What happened in E episodes.
+
+    Attributes:
+        coverage: (E,), best coverage of the new goal.
+        touched: (E,), control steps that the finger ended inside the obstacle.
+        path: (T + 1, E, 5), all states.
+    """
+
+    coverage: Array
+    touched: NDArray[np.int64]
+    path: Array
+
+
+def covered(states: Array, goal: tuple[float, float, float]) -> Array:
+    """The share of a goal that the T covers, (n,) from states (n, 5)."""
+    turn = GOAL[2] - goal[2]
+    cos, sin = math.cos(turn), math.sin(turn)
+    away = states[:, 2:4] - np.array(goal[:2])
+    place = away @ np.array([[cos, sin], [-sin, cos]]) + np.array(GOAL[:2])
+    return np.asarray(coverage(np.column_stack([place, states[:, 4] + turn])))
+
+
+def play(
+    act: Callable[[Array], Array],
+    twist: Twist,
+    *,
+    episodes: int = 20,
+    max_steps: int = MAX_STEPS,
+    first_seed: int = 2_000_000,
+) -> Played:
+    """Plays episodes side by side; their starts are outside of the obstacle.
+
+    Args:
+        act: Histories of two states, (E, 2, 5), to actions (E, n, 2) in the world; all n are done
+            before it is asked again.
+        twist: The goal and the obstacle.
+        episodes: How many.
+        max_steps: Control steps; an episode does not end early.
+        first_seed: Of the starts.
+
+    Raises:
+        ValueError: `act` returns another shape, or places outside the world.
+    """
+    worlds = Simulations(_starts(check_count(episodes, "episodes"), twist, first_seed))
+    path = [worlds.states]
+    plan = np.zeros((episodes, 0, 2))
+    for _ in range(check_count(max_steps, "max_steps")):
+        if plan.shape[1] == 0:
+            plan = np.asarray(act(np.stack([path[max(len(path) - 2, 0)], path[-1]], axis=1)))
+            if plan.ndim != 3 or plan.shape[::2] != (episodes, 2) or plan.shape[1] == 0:
+                raise ValueError(f"act must return shape ({episodes}, n, 2), got {plan.shape}")
+        worlds.step(plan[:, 0])
+        plan = plan[:, 1:]
+        path.append(worlds.states)
+    states = np.array(path)
+    scores = np.array([covered(row, twist.goal) for row in states])
+    return Played(scores.max(axis=0), _inside(states[1:], twist).sum(axis=0), states)
+
+
+def _inside(states: Array, twist: Twist) -> NDArray[np.bool_]:
+    if twist.obstacle is None:
+        return np.zeros(states.shape[:-1], dtype=bool)
+    x, y, radius = twist.obstacle
+    return np.asarray(np.hypot(states[..., 0] - x, states[..., 1] - y) < radius)
+
+
+def _starts(episodes: int, twist: Twist, seed: int) -> Array:
+    found: list[tuple[float, ...]] = []
+    while len(found) < episodes:
+        state = random_state(np.random.default_rng(seed))
+        seed += 1
+        if not _inside(np.array(state), twist):
+            found.append(state)
+    return np.array(found)

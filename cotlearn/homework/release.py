@@ -1,0 +1,188 @@
+"""Makes student and autograder versions of the homework with otter-grader, and tries them.
+
+For instructors; otter-grader comes with the extra `instructor`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cotlearn
+from cotlearn import assets
+from cotlearn.homework import assignments
+from cotlearn.homework.marking import Marked, mark
+from cotlearn.homework.progress import write_atomically
+from cotlearn.homework.submissions import read_notebook
+
+_SEED = re.compile(r"^(\s*)seed = \d+$", re.MULTILINE)
+_STAMP = "stamp"
+
+
+def make(
+    out: Path,
+    *,
+    masters: Path | None = None,
+    secret_seed: str | None = None,
+    say: Callable[[str], None] = print,
+) -> None:
+    """Makes all versions and checks that solutions pass and unchanged stubs fail.
+
+    For each homework `out` gets `student/hw1.ipynb` to hand out, `autograder/hw1/` with the
+    solutions and otter's zip file, and `masters/hw1.ipynb`, which `cotlearn grade --masters` takes.
+    Without a secret seed the student versions are also put where the course keeps them.
+
+    Args:
+        out: The folder; made if it does not exist.
+        masters: The folder of the masters; those of the course if None.
+        secret_seed: Any text; gives the hidden tests other numbers, which nobody can know without
+            it. The student versions stay the same.
+        say: Called with each line of the report.
+
+    Raises:
+        ModuleNotFoundError: otter-grader is not installed.
+        ValueError: Otter failed, a solution does not pass, or a stub does not fail.
+    """
+    if importlib.util.find_spec("otter") is None:
+        raise ModuleNotFoundError("No module named 'otter'", name="otter-grader")
+    paths = assignments.masters(masters)
+    if not paths:
+        raise ValueError(f"there is no master notebook (hw1.ipynb, ...) in {masters}")
+    out = out.resolve()
+    for name in ("masters", "student", "autograder"):
+        (out / name).mkdir(parents=True, exist_ok=True)
+    for path in paths:
+        master = out / "masters" / path.name
+        _write(master, seeded(read_notebook(path), path.stem, secret_seed))
+        student, solutions = _assign(master, out)
+        _write(out / "student" / path.name, stamped(student, path))
+        _try(path.stem, out, solutions, say)
+        released = path.parent / "student"
+        if secret_seed is None and path.parent == _home():
+            released.mkdir(exist_ok=True)
+            shutil.copyfile(out / "student" / path.name, released / path.name)
+            say(f"{path.stem}: student version also in {released}")
+    if secret_seed is not None:
+        say(f"grade with: cotlearn grade FOLDER --masters {out / 'masters'}")
+
+
+def _home() -> Path:
+    return assets.course_folder() / "notebooks" / "homework"
+
+
+def seeded(notebook: Any, name: str, secret: str | None) -> Any:
+    """Gives the hidden tests of a master other numbers, from a secret; changes the notebook.
+
+    Args:
+        notebook: The master.
+        name: Of the homework.
+        secret: None leaves it as it is.
+    """
+    if secret is None:
+        return notebook
+    for i, cell in enumerate(notebook.cells):
+        if cell.cell_type == "code" and "# BEGIN TEST CONFIG" in cell.source:
+            digest = hashlib.sha256(f"{secret}\0{name}\0{i}".encode()).digest()
+            number = int.from_bytes(digest[:4], "big") >> 1
+            cell.source, found = _SEED.subn(rf"\g<1>seed = {number}", cell.source)
+            if not found:
+                raise ValueError(f"a hidden test of {name} has no line 'seed = ...': cell {i}")
+    return notebook
+
+
+def stamped(notebook: Any, master: Path) -> Any:
+    """Gives a student version its stamp: with which cotlearn, and from which master.
+
+    Args:
+        notebook: As otter made it; changed.
+        master: The master that it was made from.
+    """
+    import nbformat
+
+    name, version = master.stem, cotlearn.__version__
+    notebook.metadata.pop("otter", None)
+    notebook.metadata["cotlearn"] = {
+        "assignment": name,
+        "version": version,
+        "master": fingerprint(master),
+    }
+    minor = ".".join(version.split(".")[:2])
+    notebook.cells.append(
+        nbformat.v4.new_markdown_cell(
+            f"*Made with cotlearn {version}. The helpers that this notebook imports keep their "
+            f"names in all versions {minor}.x.*",
+            metadata={"tags": [_STAMP]},
+        )
+    )
+    questions = {item.answer: item.name for item in assignments.read(master, name).questions}
+    for i, cell in enumerate(notebook.cells):
+        cell["id"] = f"{name}-{i:02d}"
+        tags = [tag for tag in cell.metadata.get("tags", []) if not tag.startswith("otter")]
+        cell.metadata = nbformat.from_dict({"tags": tags} if tags else {})
+        if "exercise" in tags:
+            asked = next(q for answer, q in questions.items() if f"def {answer}(" in cell.source)
+            cell.metadata["cotlearn"] = {"question": asked}
+    return notebook
+
+
+def fingerprint(master: Path) -> str:
+    """Returns a short hash of what a master says, whatever its outputs and its line ends."""
+    cells = read_notebook(master).cells
+    text = "\0".join(f"{cell.cell_type}\0{cell.source}" for cell in cells)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _assign(master: Path, out: Path) -> tuple[Any, Path]:
+    """Runs otter; returns the student version and the path of that with solutions."""
+    target = out / "autograder" / master.stem
+    shutil.rmtree(target, ignore_errors=True)
+    command = [sys.executable, "-m", "otter", "assign", "--no-pdfs", str(master), str(target)]
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "COTLEARN_PROGRESS": "0", "MPLBACKEND": "agg"},
+        check=False,
+    )
+    if done.returncode != 0:
+        raise ValueError(f"otter failed on {master.name}:\n{(done.stderr or done.stdout)[-3000:]}")
+    student = read_notebook(target / "student" / master.name)
+    shutil.rmtree(target / "student")
+    for item in (target / "autograder").iterdir():
+        shutil.move(item, target / item.name)
+    (target / "autograder").rmdir()
+    return student, target / master.name
+
+
+def _try(name: str, out: Path, solutions: Path, say: Callable[[str], None]) -> None:
+    """Marks the solutions, which must get all points, and the stubs, which must get none."""
+    right = mark(solutions, hidden=True, masters=out / "masters")
+    stubs = mark(out / "student" / f"{name}.ipynb", hidden=True, masters=out / "masters")
+    wrong = [f"{item.question}: {item.sentence}" for item in right.marks if not item.correct]
+    wrong += [
+        f"{item.question}: the unchanged stub counts as {item.verdict}, {item.points:g} points"
+        for item in stubs.marks
+        if item.verdict != "not attempted yet" or item.points
+    ]
+    if wrong or not right.out_of:
+        raise ValueError(f"{name}: " + ("; ".join(wrong) or "no hidden test has points"))
+    say(f"{name}: {_summary(right)}; unchanged stubs: {_summary(stubs)}")
+
+
+def _summary(marked: Marked) -> str:
+    return f"solutions {marked.points:g} of {marked.out_of:g} points" if marked.points else "none"
+
+
+def _write(path: Path, notebook: Any) -> None:
+    import nbformat
+
+    text = nbformat.writes(notebook)
+    write_atomically(path, text if text.endswith("\n") else text + "\n")
