@@ -4,8 +4,10 @@ The exact solver takes two steps. A few Sinkhorn steps in single precision (`ann
 dual potentials that are nearly optimal; from them most rows find a free column at once, and
 shortest augmenting paths in double precision (`augmenting.py`) do the rest. The potentials change
 the time, never the optimum. Colder last temperatures, more steps and stronger over-relaxation were
-tried and did not pay over all sizes. `benchmarks/assignment.py` measures it beside torchcfm, SciPy
-and POT.
+tried and did not pay over all sizes. The temperature is a share of the costs' standard deviation, or
+of the way from the mean to the least cost where that is far longer, as it is for the permutation
+with the largest sum of entries of a Sinkhorn plan, nearly all of which are 0.
+`benchmarks/assignment.py` measures it beside torchcfm, SciPy and POT.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ Index = NDArray[np.int64]
 
 SMALL_BATCH = 64  #: up to here SciPy is done before potentials would be
 EASY = 0.75  #: share of rows with a cheapest column of their own, above which SciPy is as fast
+FAR = 8.0  #: standard deviations from the mean to the least cost, beyond which that is the scale
 UNDERFLOW = 100.0  #: exp(-100) is a number, exp(-1000) is not: beyond this, logarithms
 
 
@@ -42,11 +45,11 @@ def exact_permutation(cost: Array) -> Index:
     cost = _check_cost(cost)
     if len(cost) > SMALL_BATCH:
         least = cost.min(axis=0)
+        some = cost[:: len(cost) // 32]
         with np.errstate(over="ignore"):
-            spread = cost[:: len(cost) // 32].std()
-        if 1e-30 < spread < 1e30 and unshared(cost, least) < EASY * len(
-            cost
-        ):  # else beyond single precision, or easy
+            spread = max(some.std(), (some.mean() - least.min()) / FAR)
+        # else beyond single precision, or easy
+        if 1e-30 < spread < 1e30 and unshared(cost, least) < EASY * len(cost):
             rows, columns = potentials(cost, least, spread)
             permutation: Index = assign(cost, rows, columns, _near(cost, rows, columns))
             return permutation

@@ -58,13 +58,23 @@ def test_a_large_batch(dim):
     assert total(cost, exact_permutation(cost)) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["equal", "one outlier", "huge weight"])
+@pytest.mark.parametrize("regularization", [0.01, 0.05, 1.0])
+@pytest.mark.parametrize("dim", [2, 16])
+def test_the_largest_sum_of_entries_of_a_plan(dim, regularization):
+    cost = -sinkhorn_plan(points(256, dim), regularization=regularization)
+    expected = total(cost, linear_sum_assignment(cost)[1])
+    assert total(cost, exact_permutation(cost)) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["equal", "one outlier", "one bargain", "huge weight"])
 def test_costs_whose_potentials_are_of_no_use(kind):
     cost = points(200, 2)
     if kind == "equal":
         cost = np.full_like(cost, 3.0)
     elif kind == "one outlier":
         cost[7] += 1e12
+    elif kind == "one bargain":
+        cost[7, 3] -= 1e12
     else:
         cost += 1e9 * points(200, 1, seed=1)
     expected = total(cost, linear_sum_assignment(cost)[1])
