@@ -4,8 +4,8 @@ The exact solver takes two steps. A few Sinkhorn steps in single precision (`ann
 dual potentials that are nearly optimal; from them most rows find a free column at once, and
 shortest augmenting paths in double precision (`augmenting.py`) do the rest. The potentials change
 the time, never the optimum. Colder last temperatures, more steps and stronger over-relaxation were
-tried and did not pay over all sizes. The temperature is a share of the costs' standard deviation, or
-of the way from the mean to the least cost where that is far longer, as it is for the permutation
+tried and did not pay over all sizes. The temperature is a share of the costs' standard deviation,
+or of the way from the mean to the least cost where that is far longer, as it is for the permutation
 with the largest sum of entries of a Sinkhorn plan, nearly all of which are 0.
 `benchmarks/assignment.py` measures it beside torchcfm, SciPy and POT.
 """
