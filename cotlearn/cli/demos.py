@@ -12,24 +12,52 @@ from cotlearn.cli.terminal import console, stop, stop_interrupted, stop_missing
 
 app = typer.Typer(no_args_is_help=True, help="Makes the demonstrations that the course ships.")
 
+Episodes = Annotated[int, typer.Option(min=1, help="How many episodes.")]
+Seed = Annotated[int, typer.Option(min=0, help="Of starts, choices and noise.")]
+Out = Annotated[Path, typer.Option(help="The file to make.")]
+
 
 @app.command("push-t")
 def demos_push_t(
-    episodes: Annotated[int, typer.Option(min=1, help="How many episodes.")] = 4000,
-    seed: Annotated[int, typer.Option(min=0, help="Of starts, choices and noise.")] = 0,
-    out: Annotated[Path, typer.Option(help="The file to make.")] = Path("push_t_demos.npz"),
+    episodes: Episodes = 4000, seed: Seed = 0, out: Out = Path("push_t_demos.npz")
 ) -> None:
     """Records the planned demonstrator of Push-T; goes on where an interrupted recording stopped.
 
     The 4000 episodes of the course take about 5 minutes on one core.
     """
+    _record("push-t", episodes, seed, out)
+
+
+@app.command("arm-ring")
+def demos_arm_ring(
+    episodes: Episodes = 4000, seed: Seed = 0, out: Out = Path("arm_ring_demos.npz")
+) -> None:
+    """Records the arm that reaches round a pillar; goes on where a recording was interrupted.
+
+    The 4000 episodes of the course take about 4 minutes on one core.
+    """
+    _record("arm-ring", episodes, seed, out)
+
+
+@app.command("arm-avoid")
+def demos_arm_avoid(
+    episodes: Episodes = 4000, seed: Seed = 0, out: Out = Path("arm_avoid_demos.npz")
+) -> None:
+    """Records the arm between two rows of pillars; goes on where a recording was interrupted.
+
+    The 4000 episodes of the course take about 5 minutes on one core.
+    """
+    _record("arm-avoid", episodes, seed, out)
+
+
+def _record(task: str, episodes: int, seed: int, out: Path) -> None:
     try:
         from cotlearn.robots.experts.record import record
+
+        about = record(out, task, episodes=episodes, seed=seed)
     except ModuleNotFoundError as error:
         stop_missing(error.name)
-    try:
-        about = record(out, episodes=episodes, seed=seed)
-    except ValueError as error:
+    except (ImportError, ValueError) as error:  # a MuJoCo of the wrong version, another recording
         stop(str(error))
     except KeyboardInterrupt:
         stop_interrupted()

@@ -1,17 +1,19 @@
-"""Demonstrations of Push-T on disk: recorded in parts, so that an interrupted recording goes on.
+"""Demonstrations on disk: recorded in parts, so that an interrupted recording goes on.
 
 The file is an `.npz` without pickles, with these arrays:
 
-- state, int16 (N, 5): agent x and y, T x and y in 1/32 pixel, T angle in 2π/65536, rounded;
-- action, int16 (N, 2): what was done in that state, in 1/32 pixel, exact;
-- intention, int16 (N, 2): what the expert meant before noise was added, in 1/32 pixel, exact;
+- state, int16 (N, columns): before each control step, rounded to the units of its `Recipe`;
+- action, int16 (N, columns): what was done in that state, exact;
+- intention, int16 (N, columns): what the expert meant before noise was added, exact;
 - episode_ends, int64 (E,): where each episode ends, exclusive, as in Diffusion Policy's files;
 - seed, uint32 (E,): `env.reset(seed=...)` gives the start of the episode, exactly;
+- mode, int8 (E,): which way the expert chose, if the task tells several apart;
 - about: a JSON text: how the file was made, and the SHA-256 of the arrays.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.metadata
 import json
@@ -19,6 +21,7 @@ import math
 import shutil
 import zipfile
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,9 +30,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cotlearn.progress import progress_bar
-from cotlearn.robots.experts.push_t import Episode, PushTExpert
+from cotlearn.robots.arm.task import KINDS, columns
+from cotlearn.robots.experts.arm import ArmExpert
+from cotlearn.robots.experts.arm.expert import UNIT
+from cotlearn.robots.experts.push_t import PushTExpert
 from cotlearn.storage import atomic_path
-from cotlearn.validation import check_count
+from cotlearn.validation import check_choice, check_count
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -37,12 +43,60 @@ PIXEL = 1 / 32
 TURN = 2 * math.pi / 65536
 PART = 50  #: episodes that an interruption can cost at most
 
-_LAYOUT = {  # name: type, columns (0: one number a row)
-    "state": ("int16", 5),
-    "action": ("int16", 2),
-    "intention": ("int16", 2),
-    "episode_ends": ("int64", 0),
-    "seed": ("uint32", 0),
+
+@dataclass(frozen=True)
+class Recipe:
+    """How the demonstrations of a task are made and stored.
+
+    Attributes:
+        title: of the task, as the file has it.
+        expert: makes what has `episode(seed)`.
+        packages: whose versions the file notes.
+        state: the units of a state's columns.
+        action: the units of an action's columns.
+        modes: whether episodes have a mode.
+    """
+
+    title: str
+    expert: Callable[[], Any]
+    packages: tuple[str, ...]
+    state: tuple[float, ...]
+    action: tuple[float, ...]
+    modes: bool = False
+
+    @property
+    def layout(self) -> dict[str, tuple[str, int]]:
+        """Name of an array: type, columns (0: one number a row)."""
+        fixed = {
+            "state": ("int16", len(self.state)),
+            "action": ("int16", len(self.action)),
+            "intention": ("int16", len(self.action)),
+            "episode_ends": ("int64", 0),
+            "seed": ("uint32", 0),
+        }
+        return {**fixed, "mode": ("int8", 0)} if self.modes else fixed
+
+
+RECIPES = {
+    # an angle fills the 16 bits, and wraps round as they do
+    "push-t": Recipe(
+        "Push-T",
+        expert=lambda: PushTExpert(),
+        packages=("numpy", "pymunk"),
+        state=(PIXEL,) * 4 + (TURN,),
+        action=(PIXEL,) * 2,
+    ),
+    **{
+        f"arm-{kind}": Recipe(
+            f"arm-{kind}",
+            expert=functools.partial(ArmExpert, kind),
+            packages=("numpy", "mujoco"),
+            state=(UNIT,) * len(columns(kind)),
+            action=(UNIT,) * 3,
+            modes=True,
+        )
+        for kind in KINDS
+    },
 }
 
 
@@ -51,12 +105,13 @@ class Demonstrations:
     """Recorded episodes, one after the other; row t holds the state and the action taken in it.
 
     Attributes:
-        state: (N, 5) float64, agent x and y, T x, y (to 1/64 pixel) and angle in [-π, π).
-        action: (N, 2) float64, what was done, pixels, exact.
-        intention: (N, 2) float64, what the expert meant, pixels, exact.
+        state: (N, columns) float64, to half a unit: pixels and radians in [-π, π), or metres.
+        action: (N, columns) float64, what was done, exact.
+        intention: (N, columns) float64, what the expert meant, exact.
         episode_ends: (E,), where each episode ends, exclusive.
         seed: (E,), of the starts.
         about: how the file was made.
+        mode: (E,), the number of the way that was chosen; None if the task has but one.
     """
 
     state: NDArray[np.float64]
@@ -65,10 +120,16 @@ class Demonstrations:
     episode_ends: NDArray[np.int64]
     seed: NDArray[np.uint32]
     about: dict[str, Any]
+    mode: NDArray[np.int8] | None = None
 
 
 def record(
-    path: str | Path, *, episodes: int, seed: int, show_progress: bool | None = None
+    path: str | Path,
+    task: str = "push-t",
+    *,
+    episodes: int,
+    seed: int,
+    show_progress: bool | None = None,
 ) -> dict[str, Any]:
     """Records demonstrations; goes on where an interrupted recording stopped.
 
@@ -78,6 +139,7 @@ def record(
 
     Args:
         path: the file to make; nothing is done if it holds this very recording already.
+        task: "push-t", "arm-ring" or "arm-avoid".
         episodes: how many.
         seed: of the recording.
         show_progress: True or False; None decides by the terminal.
@@ -90,7 +152,8 @@ def record(
     """
     path = Path(path)
     episodes, seed = check_count(episodes, "episodes"), check_count(seed, "seed", minimum=0)
-    about = _about(seed)
+    recipe = RECIPES[check_choice(task, "task", tuple(RECIPES))]
+    about = _about(recipe, seed)
     if path.exists():
         stored = read(path)[1]
         if stored != {**about, "episodes": episodes, "replaced": stored.get("replaced")}:
@@ -105,13 +168,13 @@ def record(
             part = folder / f"{first:06d}-{first + count:06d}.npz"
             arrays = _stored_part(part, about)
             if arrays is None:
-                expert = expert or PushTExpert()
-                arrays = _record_part(expert, first, count, seed, bar)
+                expert = expert or recipe.expert()
+                arrays = _record_part(recipe, expert, first, count, seed, bar)
                 write(part, arrays, about)
             else:
                 bar.update(count)
             parts.append(arrays)
-    merged = {name: np.concatenate([part[name] for part in parts]) for name in _LAYOUT}
+    merged = {name: np.concatenate([part[name] for part in parts]) for name in recipe.layout}
     merged["episode_ends"] = np.cumsum(
         np.concatenate([np.diff(part["episode_ends"], prepend=0) for part in parts])
     )
@@ -130,14 +193,15 @@ def load(path: str | Path) -> Demonstrations:
         ValueError: the file is damaged or something else; says what is wrong.
     """
     arrays, about = read(path)
-    state = arrays["state"] * np.array([PIXEL] * 4 + [TURN])
+    recipe = _recipe(path, about)
     return Demonstrations(
-        state=state,
-        action=arrays["action"] * PIXEL,
-        intention=arrays["intention"] * PIXEL,
+        state=arrays["state"] * np.array(recipe.state),
+        action=arrays["action"] * np.array(recipe.action),
+        intention=arrays["intention"] * np.array(recipe.action),
         episode_ends=arrays["episode_ends"],
         seed=arrays["seed"],
         about=about,
+        mode=arrays.get("mode"),
     )
 
 
@@ -155,37 +219,47 @@ def read(path: str | Path) -> tuple[Arrays, dict[str, Any]]:
         raise FileNotFoundError(f"no such file: {path}")
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in _LAYOUT}
+            arrays = {name: file[name] for name in file.files if name != "about"}
             record = json.loads(str(file["about"]))
         about, digest = dict(record["about"]), record["sha256"]
     except KeyError as error:
-        raise ValueError(f"{path} is not a file of Push-T demonstrations: no {error}") from error
+        raise ValueError(f"{path} is not a file of demonstrations: no {error}") from error
     except (ValueError, TypeError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise ValueError(f"{path} is damaged or not an .npz file: {error}") from error
-    for name, (kind, columns) in _LAYOUT.items():
+    recipe = _recipe(path, about)
+    for name, (kind, width) in recipe.layout.items():
+        if name not in arrays:
+            raise ValueError(f"{path} is not a file of {recipe.title} demonstrations: no {name!r}")
         array = arrays[name]
-        shape = (len(array), columns) if columns else (len(array),)
+        shape = (len(array), width) if width else (len(array),)
         if array.dtype != kind or array.shape != shape:
             raise ValueError(
                 f"{path}: {name} is {array.dtype} of shape {array.shape}, expected {kind} of "
-                f"shape {('rows', columns) if columns else ('episodes',)}"
+                f"shape {('rows', width) if width else ('episodes',)}"
             )
     ends = arrays["episode_ends"]
     rows = len(arrays["state"])
     if len(ends) == 0 or ends[-1] != rows or (np.diff(ends, prepend=0) < 1).any():
         raise ValueError(f"{path}: episode_ends must rise to the number of rows, {rows}")
-    if {len(arrays["action"]), len(arrays["intention"])} != {rows} or len(arrays["seed"]) != len(
-        ends
-    ):
-        raise ValueError(f"{path}: state, action, intention, episode_ends and seed do not fit")
+    for name, (_, width) in recipe.layout.items():
+        expected = rows if width else len(ends)
+        if len(arrays[name]) != expected:
+            raise ValueError(f"{path}: arrays do not fit: {name} has not {expected} rows")
     if digest != _digest(arrays):
         raise ValueError(f"{path} is damaged: its arrays do not match their SHA-256")
     return arrays, about
 
 
-def _about(seed: int) -> dict[str, Any]:
-    versions = {name: importlib.metadata.version(name) for name in ("numpy", "pymunk")}
-    return {"task": "Push-T", "seed": seed, "versions": versions}
+def _recipe(path: str | Path, about: dict[str, Any]) -> Recipe:
+    for recipe in RECIPES.values():
+        if recipe.title == about.get("task"):
+            return recipe
+    raise ValueError(f"{path} holds demonstrations of an unknown task, {about.get('task')!r}")
+
+
+def _about(recipe: Recipe, seed: int) -> dict[str, Any]:
+    versions = {name: importlib.metadata.version(name) for name in recipe.packages}
+    return {"task": recipe.title, "seed": seed, "versions": versions}
 
 
 def _stored_part(path: Path, about: dict[str, Any]) -> Arrays | None:
@@ -198,7 +272,9 @@ def _stored_part(path: Path, about: dict[str, Any]) -> Arrays | None:
     return arrays
 
 
-def _record_part(expert: PushTExpert, first: int, count: int, seed: int, bar: Any) -> Arrays:
+def _record_part(
+    recipe: Recipe, expert: Any, first: int, count: int, seed: int, bar: Any
+) -> Arrays:
     found, seeds = [], []
     for index in range(first, first + count):
         attempt = 0
@@ -207,22 +283,20 @@ def _record_part(expert: PushTExpert, first: int, count: int, seed: int, bar: An
         found.append(episode)
         seeds.append(_seed(seed, index, attempt))
         bar.update()
-    return {**_quantised(found), "seed": np.array(seeds, dtype=np.uint32)}
-
-
-def _quantised(episodes: list[Episode]) -> Arrays:
-    state = np.concatenate([episode.state for episode in episodes])
-    angle = np.rint(state[:, 4] / TURN).astype(np.int64).astype(np.int16)  # wraps round a turn
-    return {
-        "state": np.column_stack([np.rint(state[:, :4] / PIXEL).astype(np.int16), angle]),
-        "action": _in_pixels([episode.action for episode in episodes]),
-        "intention": _in_pixels([episode.intention for episode in episodes]),
-        "episode_ends": np.cumsum([len(episode.action) for episode in episodes], dtype=np.int64),
+    arrays: Arrays = {
+        "state": _rounded([episode.state for episode in found], recipe.state),
+        "action": _rounded([episode.action for episode in found], recipe.action),
+        "intention": _rounded([episode.intention for episode in found], recipe.action),
+        "episode_ends": np.cumsum([len(episode.action) for episode in found], dtype=np.int64),
+        "seed": np.array(seeds, dtype=np.uint32),
     }
+    if recipe.modes:
+        arrays["mode"] = np.array([episode.mode for episode in found], dtype=np.int8)
+    return arrays
 
 
-def _in_pixels(pieces: list[NDArray[np.float64]]) -> NDArray[np.int16]:
-    return np.rint(np.concatenate(pieces) / PIXEL).astype(np.int16)
+def _rounded(pieces: list[NDArray[np.float64]], units: tuple[float, ...]) -> NDArray[np.int16]:
+    return np.rint(np.concatenate(pieces) / np.array(units)).astype(np.int64).astype(np.int16)
 
 
 def _seed(seed: int, episode: int, attempt: int) -> int:

@@ -1,0 +1,72 @@
+"""The arm's world seen along the way to the goal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cotlearn.robots.arm import task
+from cotlearn.robots.task import Array
+
+_NEAR = 0.03  #: metres from the goal where its direction begins to matter less
+
+
+class GoalFrame:
+    """Everything seen from above the tip, along the way to the goal.
+
+    The origin is the tip of the last state, and the x axis points from there to the goal. Of all
+    rigid frames that were tried this one leaves the least variance in whole paths and in chunks,
+    and since the variance that is left for a given condition is the same in all, what it takes
+    away is variance *between* conditions. Near the goal the direction to it means little, so it
+    fades into the direction from the pillars to the goal.
+
+    A state becomes tip, goal and pillars in that frame; heights are over the table. Actions are
+    seen from the tip in height, too.
+
+    Args:
+        kind: "ring" or "avoid".
+    """
+
+    def __init__(self, kind: str) -> None:
+        self.features = len(task.columns(kind))
+
+    def observe(self, history: Array) -> Array:
+        """(B, T, columns) from states (B, T, columns): all seen from the last one."""
+        origin, along = _frame(history)
+        seen = history.copy()
+        for first in (0, 3, *range(task.FIRST_PILLAR, history.shape[-1], 4)):
+            place = slice(first, first + 2)
+            seen[..., place] = _turn(history[..., place] - origin[..., :2], along, inverse=True)
+        return seen
+
+    def into(self, actions: Array, history: Array) -> Array:
+        """Actions (B, n, 3) seen from the tip of the last state."""
+        origin, along = _frame(history)
+        away = actions - origin
+        return np.concatenate([_turn(away[..., :2], along, inverse=True), away[..., 2:]], axis=-1)
+
+    def out(self, actions: Array, history: Array) -> Array:
+        """The inverse of `into`."""
+        origin, along = _frame(history)
+        away = np.concatenate([_turn(actions[..., :2], along), actions[..., 2:]], axis=-1)
+        return origin + away
+
+
+def _frame(history: Array) -> tuple[Array, Array]:
+    """Origin (B, 1, 3) and direction (B, 1, 2) of the x axis."""
+    last = history[:, -1:]
+    goal = last[..., task.GOAL][..., :2]
+    past = goal - task.pillars(last)[..., :2].mean(axis=-2)
+    along = goal - last[..., :2] + _NEAR * past / _length(past)
+    along = np.where(_length(along) < 1e-6, past, along)  # they cancel out
+    return last[..., task.TIP], along / _length(along)
+
+
+def _length(vectors: Array) -> Array:
+    return np.sqrt((vectors**2).sum(axis=-1, keepdims=True))
+
+
+def _turn(points: Array, along: Array, *, inverse: bool = False) -> Array:
+    """Points (B, n, 2) turned as the x axis is turned to `along` (B, 1, 2), or back."""
+    cos, sin = along[..., 0], -along[..., 1] if inverse else along[..., 1]
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)

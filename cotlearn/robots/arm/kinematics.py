@@ -1,0 +1,210 @@
+"""Where the arm's tool is, and which joint angles bring it somewhere; for many arms at once.
+
+The lengths and angles are the Denavit-Hartenberg parameters of the Franka Panda in Craig's
+convention, as its maker publishes them. A rod is fixed to the flange along its axis.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cotlearn.robots.arm.task import HIGH, LOW, TOOL
+
+Array = NDArray[np.float64]
+
+JOINTS = 7
+_A = np.array([0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088])
+_ALPHA = np.array([0, -1, 1, 1, -1, 1, 1]) * (math.pi / 2)
+_D = np.array([0.333, 0.0, 0.316, 0.0, 0.384, 0.0, 0.0])
+FLANGE = 0.107  #: along the axis of the last joint
+
+LOWER = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])
+UPPER = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973])
+SPEED = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])  #: radians a second at most
+
+#: The posture that is preferred among all that hold the tool alike: over the table, tool down.
+REST = np.array([0.0, 0.0, 0.0, -2.2, 0.0, 2.2, math.pi / 4])
+
+TOLERANCE = 1e-4  #: metres; a target farther from the tip than this has not been reached
+TILT = 1e-3  #: radians that the tool may deviate from straight down
+_LEVER = 0.2  #: metres that weigh as much as a radian of tilt
+_DAMPING = 1e-8  #: smallest square of the damping, in square metres
+_POSTURE = 0.3  #: share of the way to the preferred posture that an iteration tries to go
+_FARTHEST = 0.15  #: metres that an iteration aims at
+
+# The frame of a joint in that of the one before, at angle 0: turned by alpha about x, then moved.
+_OFFSETS = np.stack([_A, -np.sin(_ALPHA) * _D, np.cos(_ALPHA) * _D], axis=1)
+_COS_ALPHA, _SIN_ALPHA = np.cos(_ALPHA), np.sin(_ALPHA)
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Where the parts of n arms are.
+
+    Attributes:
+        origins: (n, 7, 3), of the joints.
+        axes: (n, 7, 3), about which they turn.
+        flange: (n, 3).
+        tip: (n, 3).
+        down: (n, 3), the direction of the tool.
+    """
+
+    origins: Array
+    axes: Array
+    flange: Array
+    tip: Array
+    down: Array
+
+    @property
+    def jacobian(self) -> Array:
+        """(n, 3, 7), how the tip moves with the joints."""
+        return _cross(self.axes, self.tip[:, None] - self.origins)
+
+    @property
+    def tilting(self) -> Array:
+        """(n, 3, 7), how the direction of the tool moves with the joints."""
+        return _cross(self.axes, self.down[:, None])
+
+
+def forward(joints: ArrayLike) -> Chain:
+    """Forward kinematics of joint angles (n, 7)."""
+    q = np.asarray(joints, dtype=np.float64)
+    cos, sin = np.cos(q), np.sin(q)
+    turn = np.zeros((len(q), JOINTS, 3, 3))
+    turn[..., 0, 0], turn[..., 0, 1] = cos, -sin
+    turn[..., 1, 0], turn[..., 1, 1], turn[..., 1, 2] = (
+        sin * _COS_ALPHA,
+        cos * _COS_ALPHA,
+        -_SIN_ALPHA,
+    )
+    turn[..., 2, 0], turn[..., 2, 1], turn[..., 2, 2] = (
+        sin * _SIN_ALPHA,
+        cos * _SIN_ALPHA,
+        _COS_ALPHA,
+    )
+    frames = turn
+    for joint in range(1, JOINTS):  # frames[:, i] = turn[:, 0] ... turn[:, i]
+        frames[:, joint] = frames[:, joint - 1] @ turn[:, joint]
+    steps = np.empty((len(q), JOINTS, 3))
+    steps[:, 0] = _OFFSETS[0]
+    steps[:, 1:] = (frames[:, :-1] @ _OFFSETS[1:, :, None])[..., 0]
+    origins = steps.cumsum(axis=1)
+    axes = frames[..., 2]
+    down = axes[:, -1]
+    flange = origins[:, -1] + FLANGE * down
+    return Chain(origins, axes, flange, flange + TOOL * down, down)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What inverse kinematics found for n targets.
+
+    Attributes:
+        joints: (n, 7), within the limits; for a target out of reach, as near as it got.
+        error: (n,), metres between tip and target.
+        tilt: (n,), sine of the angle between the tool and straight down.
+        reached: (n,), whether both are within `TOLERANCE` and `TILT`.
+        iterations: the most that any target took.
+    """
+
+    joints: Array
+    error: Array
+    tilt: Array
+    reached: NDArray[np.bool_]
+    iterations: int
+
+
+def solve(
+    targets: ArrayLike, start: ArrayLike | None = None, *, iterations: int | None = None
+) -> Solution:
+    """Joint angles that bring the tip to targets, the tool pointing down.
+
+    Damped least squares: with the error e of tip and tilt and its Jacobian J, each iteration goes
+    Δq = r + Jᵀ (J Jᵀ + λ² I)⁻¹ (e - J r), where r pulls to the posture `REST` in what the task
+    leaves free, and λ² = |e|² / 10 + 10⁻⁸ (Sugihara 2011, with other factors). A target that has
+    been reached iterates no more, and so no row depends on the others.
+
+    Args:
+        targets: (n, 3), metres.
+        start: (n, 7), where to begin: near the solution it takes 1 to 3 iterations. None begins at
+            `REST` turned towards each target, and comes to rest in the posture, so that the
+            solution depends on the target alone.
+        iterations: at most; by default 20 from a given start, and 100 otherwise.
+
+    Raises:
+        ValueError: shapes do not fit, or a value is not finite.
+    """
+    targets = _matrix(targets, "targets", 3)
+    settle = start is None
+    if start is None:
+        q = np.tile(REST, (len(targets), 1))
+        q[:, 0] += np.arctan2(targets[:, 1], targets[:, 0])
+    else:
+        q = _matrix(start, "start", JOINTS).copy()
+        if len(q) != len(targets):
+            raise ValueError(f"start has {len(q)} rows, targets has {len(targets)}")
+    limit = iterations or (100 if settle else 20)
+    # farther away than this it is the direction that counts
+    targets = np.clip(targets, LOW - 1.0, HIGH + 1.0)
+    error, tilt = np.empty(len(q)), np.empty(len(q))
+    rows = np.arange(len(q))
+    count = 0
+    while True:
+        chain = forward(q[rows])
+        away = targets[rows] - chain.tip
+        error[rows] = _length(away)
+        sine = _length(chain.down[:, :2])
+        tilt[rows] = np.where(chain.down[:, 2] < 0, sine, 2 - sine)
+        if count == limit:
+            break
+        step = _step(chain, away, q[rows])
+        unsettled = (error[rows] > TOLERANCE) | (tilt[rows] > TILT)
+        if settle:
+            unsettled |= np.abs(step).max(axis=1) > 1e-6
+        rows, step = rows[unsettled], step[unsettled]
+        if len(rows) == 0:
+            break
+        q[rows] = np.clip(q[rows] + step, LOWER, UPPER)
+        count += 1
+    return Solution(q, error, tilt, (error <= TOLERANCE) & (tilt <= TILT), count)
+
+
+def _step(chain: Chain, away: Array, q: Array) -> Array:
+    """(n, 7), one iteration of damped least squares."""
+    far = _length(away)[:, None]
+    e = np.concatenate(
+        [away * np.minimum(1.0, _FARTHEST / np.maximum(far, 1e-12)), -_LEVER * chain.down[:, :2]],
+        axis=1,
+    )
+    jacobian = np.concatenate([chain.jacobian, _LEVER * chain.tilting[:, :2]], axis=1)
+    damping = 0.1 * (e**2).sum(axis=1) + _DAMPING
+    posture = _POSTURE * (REST - q)
+    posture[:, 0] = 0.0  # the arm may turn to any side, and the rod is round
+    posture[:, 6] = 0.0
+    rest = e - (jacobian @ posture[..., None])[..., 0]
+    square = jacobian @ jacobian.swapaxes(1, 2) + damping[:, None, None] * np.eye(5)
+    return posture + (jacobian.swapaxes(1, 2) @ np.linalg.solve(square, rest[..., None]))[..., 0]
+
+
+def _length(vectors: Array) -> Array:
+    return np.sqrt((vectors**2).sum(axis=1))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """(n, 3, 7), the cross products of vectors (n, 7, 3); np.cross takes three times as long."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+
+
+def _matrix(value: ArrayLike, name: str, columns: int) -> Array:
+    array = np.asarray(value, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != columns or len(array) == 0:
+        raise ValueError(f"{name} must have shape (n, {columns}) with n > 0, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite, got {array[~np.isfinite(array)].tolist()}")
+    return array

@@ -1,0 +1,79 @@
+"""MuJoCo's model of the arm in a world with pillars. MuJoCo is imported when it is needed."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cotlearn.robots.arm.task import GOAL, pillars
+
+OLDEST, TOO_NEW = (3, 3), (5, 0)  #: versions of MuJoCo: from the first on, and below the second
+
+
+@functools.cache
+def mujoco() -> Any:
+    """The module mujoco.
+
+    Raises:
+        ModuleNotFoundError: it is not installed.
+        ImportError: its version is not one that the arm works with.
+    """
+    try:
+        module = importlib.import_module("mujoco")
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            "the arm needs MuJoCo; install it with: pip install 'cotlearn[course]'",
+            name=error.name,
+        ) from error
+    version = tuple(int(part) for part in re.findall(r"\d+", module.__version__)[:2])
+    if not OLDEST <= version < TOO_NEW:
+        raise ImportError(
+            f"the arm needs MuJoCo {'.'.join(map(str, OLDEST))} or newer, below "
+            f"{'.'.join(map(str, TOO_NEW))}, but {module.__version__} is installed; "
+            "pip install 'cotlearn[course]' brings one that fits"
+        )
+    return module
+
+
+@functools.cache
+def _text() -> str:
+    return Path(__file__).with_name("arm.xml").read_text(encoding="utf-8")
+
+
+def scene(state: NDArray[np.float64]) -> ElementTree.Element:
+    """The MJCF of the arm with the pillars and the goal of a state (columns,)."""
+    root = ElementTree.fromstring(_text())
+    world = root.find("worldbody")
+    assert world is not None
+    for number, (x, y, radius, height) in enumerate(pillars(state).tolist(), start=1):
+        ElementTree.SubElement(
+            world,
+            "geom",
+            {"class": "scene", "type": "capsule", "material": "pillar"},
+            name=f"pillar{number}",
+            size=repr(radius),
+            fromto=f"{x!r} {y!r} 0 {x!r} {y!r} {height - radius!r}",
+        )
+    ElementTree.SubElement(
+        world,
+        "geom",
+        {"class": "scene", "type": "sphere", "material": "goal"},
+        name="goal",
+        size="0.025",
+        pos=" ".join(repr(value) for value in state[GOAL].tolist()),
+        contype="0",
+        conaffinity="0",
+    )
+    return root
+
+
+def compiled(root: ElementTree.Element) -> Any:
+    """The `MjModel` of an MJCF."""
+    return mujoco().MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))

@@ -1,0 +1,288 @@
+"""The arm among pillars: many worlds side by side, each with MuJoCo's physics of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cotlearn.robots.arm import task
+from cotlearn.robots.arm.kinematics import JOINTS, LOWER, SPEED, UPPER, solve
+from cotlearn.robots.arm.model import compiled, mujoco, scene
+from cotlearn.robots.arm.ways import way_round
+from cotlearn.validation import check_choice
+
+Array = NDArray[np.float64]
+
+
+def random_start(generator: np.random.Generator, kind: str) -> Array:
+    """Draws the state (columns,) in which an episode begins; see `task.columns`.
+
+    In "ring" a pillar stands somewhere in the middle of the table, and start and goal lie on
+    opposite sides of it, in any direction. In "avoid" two rows of pillars stand between a start
+    near the arm and a goal far from it.
+    """
+    draw = generator.uniform
+    if check_choice(kind, "kind", task.KINDS) == "ring":
+        pillar = [draw(*span) for span in task.RING_PILLAR]
+        angle = draw(-np.pi, np.pi)
+        places = []
+        for turn in (angle, angle + np.pi + draw(-task.RING_TURN, task.RING_TURN)):
+            away = draw(*task.RING_RADIUS)
+            x, y = pillar[0] + away * np.cos(turn), pillar[1] + away * np.sin(turn)
+            places += [x, y, draw(*task.RING_HEIGHT)]
+        return np.array(places + pillar)
+    places = [draw(*span) for span in (*task.AVOID_START, *task.AVOID_GOAL)]
+    posts = []
+    for x, row in task.AVOID_ROWS:
+        for y in row:
+            jitter = [draw(-size, size) for size in task.AVOID_JITTER]
+            posts += [x + jitter[0], y + jitter[1], *(draw(*span) for span in task.AVOID_PILLAR)]
+    return np.array(places + posts)
+
+
+class ArmWorlds:
+    """The worlds that `env.reset(seed=...)` would start for these seeds.
+
+    An action is where the tip shall be at the end of the control step. Inverse kinematics turns it
+    into joint angles, and the joints are led there evenly, no faster than a Panda's may turn.
+
+    Args:
+        seeds: (n,).
+        kind: "ring" or "avoid".
+    """
+
+    def __init__(self, seeds: Sequence[int], kind: str = "ring") -> None:
+        starts = [random_start(np.random.default_rng(seed), kind) for seed in seeds]
+        self._begin(np.array(starts), kind)
+
+    @classmethod
+    def at(cls, states: ArrayLike, kind: str) -> ArmWorlds:
+        """Worlds that begin in given states (n, columns).
+
+        Raises:
+            ValueError: the shape does not fit, or a start or goal cannot be: it is out of reach or
+                in a pillar.
+        """
+        worlds = cls.__new__(cls)
+        worlds._begin(np.asarray(states, dtype=np.float64), kind)
+        return worlds
+
+    def _begin(self, states: Array, kind: str) -> None:
+        width = len(task.columns(kind))
+        if states.ndim != 2 or states.shape[1] != width or len(states) == 0:
+            raise ValueError(
+                f"states must have shape (n, {width}) with n > 0 for kind {kind!r}, got "
+                f"{states.shape}"
+            )
+        if not np.isfinite(states).all():
+            raise ValueError(f"states must be finite, got {states[~np.isfinite(states)].tolist()}")
+        _check_pillars(task.pillars(states))
+        self.kind = kind
+        self._states = states.copy()
+        self._engine = mujoco()
+        self._models = [compiled(scene(state)) for state in states]
+        self._data = [self._engine.MjData(model) for model in self._models]
+        self._site = self._models[0].site("tip").id
+        self._lag = -self._models[0].actuator_biasprm[:, 2] / self._models[0].actuator_gainprm[:, 0]
+        self._place("goal", states[:, task.GOAL])
+        self._place("tip", states[:, task.TIP])
+        n = len(states)
+        self._paths = np.repeat(self.states[:, None], task.MAX_STEPS + 1, axis=1)
+        self._steps = np.zeros(n, dtype=np.int64)
+        self._collision = np.zeros(n, dtype=bool)
+        self._unreachable = np.zeros(n, dtype=bool)
+        self._missed = np.zeros(n, dtype=np.int64)
+
+    def _place(self, name: str, targets: Array) -> None:
+        """Puts the tools there, and complains where that cannot be."""
+        found = solve(targets)
+        self.joints = found.joints  #: (n, 7), where the joints are led
+        for index, (data, joints) in enumerate(zip(self._data, found.joints, strict=True)):
+            if not found.reached[index]:
+                raise ValueError(
+                    f"the {name} {targets[index].round(4).tolist()} of states[{index}] is out of "
+                    f"reach: the tip comes within {found.error[index]:.3f} m of it"
+                )
+            data.qpos[:] = joints
+            data.ctrl[:] = joints
+            self._engine.mj_forward(self._models[index], data)
+            if data.ncon:
+                what = self._touched(index)
+                raise ValueError(
+                    f"the {name} {targets[index].round(4).tolist()} of states[{index}] is in {what}"
+                )
+
+    def __len__(self) -> int:
+        return len(self._data)
+
+    @property
+    def states(self) -> Array:
+        """(n, columns), see `task.columns`."""
+        for state, data in zip(self._states, self._data, strict=True):
+            state[task.TIP] = data.site_xpos[self._site]
+        return self._states.copy()
+
+    @property
+    def steps(self) -> NDArray[np.int64]:
+        """(n,), control steps done."""
+        return self._steps.copy()
+
+    @property
+    def finished(self) -> NDArray[np.bool_]:
+        """(n,), whether something has been touched, which ends the episode."""
+        return self._collision.copy()
+
+    @property
+    def done(self) -> NDArray[np.bool_]:
+        """(n,), whether the episode is over: something has been touched, or the time is up."""
+        return self._collision | (self._steps >= task.MAX_STEPS)
+
+    @property
+    def unreachable(self) -> NDArray[np.bool_]:
+        """(n,), whether the last target was out of reach: the arm went as near as it got."""
+        return self._unreachable.copy()
+
+    @property
+    def score(self) -> Array:
+        """(n,), 1 for a success, 0 during the episode and after touching something.
+
+        Without a touch, a miss by e metres gets 0.025 / (2 e): below a half.
+        """
+        error = self._goal_error()
+        miss = task.SUCCESS / (2 * np.maximum(error, task.SUCCESS))
+        value = np.where(error <= task.SUCCESS, 1.0, miss)
+        return np.where(self.done & ~self._collision, value, 0.0)
+
+    def step(self, actions: ArrayLike, *, active: NDArray[np.bool_] | None = None) -> None:
+        """Leads the tips to their targets for one control step.
+
+        After the last step of an episode the target is held for a moment, so that the arm settles.
+
+        Args:
+            actions: (n, 3), where the tips shall be, metres. What is out of reach is approached,
+                and `unreachable` tells.
+            active: (n,); the other worlds stand still and their actions are not looked at. So do
+                worlds that are done.
+
+        Raises:
+            TypeError: the actions are not real numbers.
+            ValueError: they have another shape or are not finite.
+        """
+        rows = self._running(active)
+        targets = _checked(actions, (len(self), 3))[rows]
+        if len(rows) == 0:
+            return
+        found = solve(_finite(targets), self.joints[rows])
+        self._unreachable[rows] = ~found.reached
+        self._missed[rows] += ~found.reached
+        self._lead(rows, found.joints)
+
+    def step_joints(self, actions: ArrayLike, *, active: NDArray[np.bool_] | None = None) -> None:
+        """Like `step`, with joint angles (n, 7) as targets; they are cut to the joints' limits."""
+        rows = self._running(active)
+        targets = _checked(actions, (len(self), JOINTS))[rows]
+        if len(rows) == 0:
+            return
+        allowed = np.clip(_finite(targets), LOWER, UPPER)
+        self._unreachable[rows] = (allowed != targets).any(axis=1)
+        self._missed[rows] += self._unreachable[rows]
+        self._lead(rows, allowed)
+
+    def outcomes(self) -> dict[str, Array]:
+        """What each episode came to until now, name -> (n,).
+
+        - "success": 1 if the episode is over, the tip within 2.5 cm of the goal, nothing touched;
+        - "collision": 1 if something was touched;
+        - "goal_error": metres from the tip to the goal now;
+        - "unreachable": control steps whose target was out of reach;
+        - "mode": the number of the way round in `task.WAYS`, -1 without a success.
+        """
+        error = self._goal_error()
+        success = self.done & ~self._collision & (error <= task.SUCCESS)
+        mode = np.where(success, way_round(self._paths, self.kind), -1)
+        return {
+            "success": success.astype(np.float64),
+            "collision": self._collision.astype(np.float64),
+            "goal_error": error,
+            "unreachable": self._missed.astype(np.float64),
+            "mode": mode.astype(np.float64),
+        }
+
+    def touched(self) -> list[str]:
+        """(n,), what was touched, "" for nothing."""
+        return [self._touched(index) for index in range(len(self))]
+
+    def _touched(self, index: int) -> str:
+        model, data = self._models[index], self._data[index]
+        if not data.ncon:
+            return ""
+        names = [model.geom(data.contact[0].geom1).name, model.geom(data.contact[0].geom2).name]
+        scenery = [name for name in names if name.startswith(("pillar", "table"))]
+        return scenery[0] if scenery else "the arm itself"
+
+    def _running(self, active: NDArray[np.bool_] | None) -> NDArray[np.int64]:
+        running = ~self.done
+        return np.flatnonzero(running if active is None else running & active)
+
+    def _lead(self, rows: NDArray[np.int64], goals: Array) -> None:
+        """Leads the joints of some worlds to goals (rows, 7), evenly over the control step."""
+        before = self.joints[rows]
+        most = (np.abs(goals - before) / (SPEED * task.CONTROL_SECONDS)).max(axis=1)
+        after = before + (goals - before) / np.maximum(most, 1.0)[:, None]
+        self.joints[rows] = after
+        # a joint's controller trails by lag x speed: its command runs ahead by as much
+        ahead = (after - before) / task.CONTROL_SECONDS * self._lag
+        shares = np.arange(1, task.SUBSTEPS + 1) / task.SUBSTEPS
+        commands = before[:, None] + shares[:, None] * (after - before)[:, None] + ahead[:, None]
+        self._steps[rows] += 1
+        for row, course, end in zip(rows.tolist(), commands, after, strict=True):
+            touched = self._follow(row, course)
+            if not touched and self._steps[row] == task.MAX_STEPS:
+                touched = self._follow(row, np.tile(end, (task.SETTLE * task.SUBSTEPS, 1)))
+            self._collision[row] = touched
+            place = self._paths[row, self._steps[row] :]
+            place[:, task.TIP] = self._data[row].site_xpos[self._site]
+
+    def _follow(self, row: int, course: Array) -> bool:
+        """Physics along commands (steps, 7); stops at a contact and returns whether there was."""
+        model, data, step = self._models[row], self._data[row], self._engine.mj_step
+        for command in course:
+            data.ctrl[:] = command
+            step(model, data)
+            if data.ncon:
+                break
+        self._engine.mj_forward(model, data)
+        return bool(data.ncon)
+
+    def _goal_error(self) -> Array:
+        states = self.states
+        error: Array = np.linalg.norm(states[:, task.TIP] - states[:, task.GOAL], axis=1)
+        return error
+
+
+def _checked(actions: ArrayLike, shape: tuple[int, int]) -> NDArray[Any]:
+    array = np.asarray(actions)
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"actions must be real numbers, got {array.dtype}")
+    if array.shape != shape:
+        raise ValueError(f"actions have shape {array.shape}, expected {shape}")
+    return array.astype(np.float64)
+
+
+def _finite(actions: Array) -> Array:
+    if not np.isfinite(actions).all():
+        raise ValueError(f"actions must be finite, got {actions.tolist()}")
+    return actions
+
+
+def _check_pillars(posts: Array) -> None:
+    radius, height = posts[..., 2], posts[..., 3]
+    bad = (radius <= 0) | (height <= radius)
+    if bad.any():
+        raise ValueError(
+            "a pillar needs a radius above 0 and a height above its radius, got x, y, radius, "
+            f"height {posts[bad][0].tolist()}"
+        )

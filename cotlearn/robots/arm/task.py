@@ -1,0 +1,66 @@
+"""The numbers that define the arm's tasks: lengths in metres, angles in radians, times in seconds.
+
+The world: the arm stands at the origin on a table whose top is z = 0, and looks along x. The tool
+is a rod that always points straight down; its tip is what moves. Pillars are upright capsules: a
+cylinder with a round top.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cotlearn.validation import check_choice
+
+KINDS = ("ring", "avoid")
+ROWS = {"ring": (1,), "avoid": (2, 3)}  #: pillars in each row that the tip has to pass
+PILLARS = {kind: sum(rows) for kind, rows in ROWS.items()}
+WAYS = {
+    "ring": ("left", "right", "over"),
+    "avoid": tuple(f"gap {first}, gap {second}" for first in range(3) for second in range(4)),
+}  #: the ways round, by number; left is where y is greater when one looks from start to goal
+
+TIP, GOAL = (
+    slice(0, 3),
+    slice(3, 6),
+)  #: columns of a state; then x, y, radius, height of each pillar
+FIRST_PILLAR = 6
+
+MAX_STEPS = 40  #: control steps of an episode
+CONTROL_SECONDS = 0.1  #: between two actions
+PHYSICS_SECONDS = 0.01
+SUBSTEPS = round(CONTROL_SECONDS / PHYSICS_SECONDS)
+SETTLE = 3  #: control steps that the last target is held before the end is judged
+SUCCESS = 0.025  #: the tip must end this close to the goal
+
+ROD_RADIUS = 0.01
+TOOL = 0.26  #: from the flange to the tip
+
+#: Targets of the tip lie in this box. Not all of it can be reached.
+LOW = np.array([0.15, -0.45, 0.0])
+HIGH = np.array([0.85, 0.45, 0.6])
+
+#: From these an episode begins.
+RING_RADIUS = (0.15, 0.20)  #: of start and goal from the pillar
+RING_TURN = 0.5  #: the goal is opposite of the start, give or take this
+RING_PILLAR = ((0.49, 0.55), (-0.05, 0.05), (0.03, 0.05), (0.12, 0.20))  #: x, y, radius, height
+RING_HEIGHT = (0.04, 0.08)  #: of start and goal
+AVOID_START = ((0.30, 0.33), (-0.12, 0.12), (0.04, 0.08))  #: x, y, z
+AVOID_GOAL = ((0.70, 0.73), (-0.12, 0.12), (0.04, 0.08))
+AVOID_ROWS = ((0.42, (-0.075, 0.075)), (0.61, (-0.145, 0.0, 0.145)))  #: x, and y of each pillar
+AVOID_JITTER = (0.01, 0.015)  #: of x and y of a pillar
+AVOID_PILLAR = ((0.02, 0.03), (0.12, 0.18))  #: radius, height
+
+
+def columns(kind: str) -> tuple[str, ...]:
+    """The names of a state's columns."""
+    names = ["tip x", "tip y", "tip z", "goal x", "goal y", "goal z"]
+    for number in range(1, PILLARS[check_choice(kind, "kind", KINDS)] + 1):
+        names += [f"pillar {number} {what}" for what in ("x", "y", "radius", "height")]
+    return tuple(names)
+
+
+def pillars(states: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., pillars, 4): x, y, radius and height, from states (..., columns)."""
+    rest = states[..., FIRST_PILLAR:]
+    return rest.reshape(*rest.shape[:-1], -1, 4)

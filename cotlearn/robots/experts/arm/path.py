@@ -1,0 +1,124 @@
+"""Paths of the tip: through which points, and how smoothly."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cotlearn.robots.arm import task
+
+Array = NDArray[np.float64]
+
+CLEARANCE = 0.018  #: metres that a path keeps from every pillar
+_BESIDE = (0.02, 0.05)  #: metres between rod and pillar where the path passes it
+_ABOVE = (0.03, 0.06)  #: metres between tip and pillar where the path goes over it
+_RISE = (0.0, 0.03)  #: metres above the line from start to goal, of a path beside the pillar
+_ENTRY = 0.03  #: a path goes straight through a gap, from so far before the row to so far behind
+_MIDDLE = 0.3  #: share of the room in a gap, off its middle at most
+_SPREAD = 0.015  #: metres along the way by which a via point may be off
+
+
+def via_points(state: Array, way: int, kind: str, generator: np.random.Generator) -> Array:
+    """Draws the points (k, 3) that a path passes between start and goal.
+
+    Args:
+        state: (columns,), at the start.
+        way: number of the way round in `task.WAYS[kind]`.
+        kind: "ring" or "avoid".
+        generator: of the chances.
+    """
+    start, goal = state[task.TIP], state[task.GOAL]
+    posts = task.pillars(state)
+    draw = generator.uniform
+    if kind == "ring":
+        x, y, radius, height = posts[0]
+        along = (goal - start)[:2] / np.linalg.norm((goal - start)[:2])
+        left = np.array([-along[1], along[0]])
+        place = np.array([x, y]) + draw(-_SPREAD, _SPREAD) * along
+        if task.WAYS[kind][way] == "over":
+            place = place + draw(-0.5, 0.5) * radius * left
+            return np.array([[*place, height + draw(*_ABOVE)]])
+        side = 1.0 if task.WAYS[kind][way] == "left" else -1.0
+        place = place + side * (radius + task.ROD_RADIUS + draw(*_BESIDE)) * left
+        return np.array([[*place, (start[2] + goal[2]) / 2 + draw(*_RISE)]])
+    points, first = [], 0
+    gaps = divmod(way, task.ROWS[kind][1] + 1)
+    for count, gap in zip(task.ROWS[kind], gaps, strict=True):
+        row = posts[first : first + count]
+        first += count
+        place = row[:, 0].mean()
+        share = (place - start[0]) / (goal[0] - start[0])
+        z = start[2] + share * (goal[2] - start[2])
+        y = _through(row, gap, generator)
+        points += [[place - _ENTRY, y, z], [place + _ENTRY, y, z]]
+    return np.array(points)
+
+
+def _through(row: Array, gap: int, generator: np.random.Generator) -> float:
+    """Where to pass a row of pillars (count, 4), sorted by y, at a gap from 0 to count."""
+    edge = row[:, 2] + task.ROD_RADIUS
+    if gap == 0:
+        return float(row[0, 1] - edge[0] - generator.uniform(*_BESIDE))
+    if gap == len(row):
+        return float(row[-1, 1] + edge[-1] + generator.uniform(*_BESIDE))
+    low, high = row[gap - 1, 1] + edge[gap - 1], row[gap, 1] - edge[gap]
+    off = _MIDDLE * generator.uniform(-1, 1) * (high - low) / 2
+    return float((low + high) / 2 + off)
+
+
+def minimum_jerk(points: ArrayLike, times: ArrayLike, at: ArrayLike) -> Array:
+    """The path with the least ∫|jerk|² dt that passes points at times, from rest to rest.
+
+    Between the points it is a quintic, and at them its first four derivatives are continuous
+    (Flash and Hogan 1985): p(t) = Σ_{i<6} a_i tⁱ + Σ_k b_k max(t - t_k, 0)⁵.
+
+    Args:
+        points: (k + 2, d), start, via points, goal.
+        times: (k + 2,), rising.
+        at: (n,), times from the first to the last.
+
+    Returns:
+        (n, d).
+    """
+    points, times, at = (np.asarray(value, dtype=np.float64) for value in (points, times, at))
+    if points.ndim != 2 or times.shape != points.shape[:1] or len(points) < 2:
+        raise ValueError(
+            f"points {points.shape} and times {times.shape} must be (k + 2, d), (k + 2,)"
+        )
+    if (np.diff(times) <= 0).any():
+        raise ValueError(f"times must rise, got {times.tolist()}")
+    span = times[-1] - times[0]
+    knots = (times - times[0]) / span
+    ends = knots[[0, -1]]
+    system = np.concatenate(
+        [_basis(knots, knots, 0), _basis(ends, knots, 1), _basis(ends, knots, 2)]
+    )
+    wanted = np.concatenate([points, np.zeros((4, points.shape[1]))])
+    path: Array = _basis((at - times[0]) / span, knots, 0) @ np.linalg.solve(system, wanted)
+    return path
+
+
+def _basis(t: Array, knots: Array, derivative: int) -> Array:
+    """(n, 6 + k), a derivative of tⁱ and of max(t - t_k, 0)⁵ at times t (n,)."""
+    columns = []
+    for power in range(6):
+        factor = float(np.prod(np.arange(power - derivative + 1, power + 1)))
+        columns.append(factor * t ** max(power - derivative, 0))
+    for knot in knots[1:-1]:
+        factor = float(np.prod(np.arange(6 - derivative, 6)))
+        columns.append(factor * np.maximum(t - knot, 0.0) ** (5 - derivative))
+    return np.stack(columns, axis=1)
+
+
+def clearance(tips: Array, posts: Array) -> Array:
+    """(n,), the room between the rod and the nearest pillar; negative where they overlap.
+
+    Args:
+        tips: (n, 3).
+        posts: (p, 4), x, y, radius and height of the pillars.
+    """
+    aside = np.linalg.norm(tips[:, None, :2] - posts[:, :2], axis=2)
+    above = tips[:, None, 2] + task.ROD_RADIUS - (posts[:, 3] - posts[:, 2])
+    apart = np.hypot(aside, np.maximum(above, 0.0)) - posts[:, 2] - task.ROD_RADIUS
+    nearest: Array = apart.min(axis=1)
+    return nearest

@@ -1,0 +1,48 @@
+"""In how many ways the demonstrator goes about the same starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cotlearn.progress import progress_bar
+from cotlearn.robots.task import Task
+
+_CHOICES = 3_000_000_000  #: seeds of the expert's choices from here on
+
+
+def demonstrated_modes(
+    task: Task,
+    expert: Any,
+    seeds: Sequence[int],
+    *,
+    draws: int,
+    progress: bool | None = None,
+) -> NDArray[np.int64]:
+    """The mode of each of `draws` demonstrations from each start, (starts, draws).
+
+    Args:
+        task: what is demonstrated.
+        expert: has `episode(seed, state=start)`.
+        seeds: of the starts.
+        draws: demonstrations from each.
+        progress: show a bar; None: in terminals and notebooks.
+    """
+    repeated = np.repeat(np.asarray(seeds), draws).tolist()
+    worlds = task.worlds(repeated)
+    starts = worlds.states
+    actions = np.zeros((task.mode_steps, len(starts), len(task.action)))
+    lengths = np.zeros(len(starts), dtype=np.int64)
+    with progress_bar(total=len(starts), what="demonstrations", show=progress) as bar:
+        for row, start in enumerate(starts):
+            done = expert.episode(_CHOICES + row, state=start).action[: task.mode_steps]
+            actions[: len(done), row], lengths[row] = done, len(done)
+            bar.update()
+    for now in range(task.mode_steps):
+        active = (now < lengths) & ~worlds.finished
+        if active.any():
+            worlds.step(actions[now], active=active)
+    return worlds.outcomes()["mode"].astype(np.int64).reshape(-1, draws)
