@@ -15,7 +15,13 @@ from cotlearn.cli.terminal import stop_missing
 if TYPE_CHECKING:
     from cotlearn.robots.settings import Setting
 
-Name = Annotated[str, typer.Argument(help="push-t.")]
+Name = Annotated[
+    str,
+    typer.Argument(
+        help="push-t, arm-ring, arm-avoid; or arm-ring-receding, arm-avoid-receding, where the arm "
+        "looks again after every few steps."
+    ),
+]
 Data = Annotated[
     Path | None,
     typer.Option(

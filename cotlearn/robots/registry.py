@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from cotlearn.robots.arm.definition import ARM_AVOID, ARM_RING
 from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.robots.task import Task
 from cotlearn.validation import check_choice
 
-TASKS = {task.name: task for task in (PUSH_T,)}
+TASKS = {task.name: task for task in (PUSH_T, ARM_RING, ARM_AVOID)}
 
 
 def find_task(name: str) -> Task:

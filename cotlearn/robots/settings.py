@@ -20,4 +20,26 @@ class Setting:
     options: Options
 
 
-SETTINGS = {"push-t": Setting("push_t_demos.npz", Options(frame="body"))}
+#: The whole way to the goal at once, as ten knots, from where the arm starts.
+_WHOLE = Options(
+    frame="goal",
+    steps=12_000,
+    width=256,
+    observe=1,
+    predict=40,
+    execute=40,
+    knots=10,
+    whole=True,
+    early=0.3,
+    clusters=100,
+)
+#: Some steps at a time, as on Push-T, in the coordinates of the world.
+_RECEDING = Options(frame="world", steps=12_000, width=256)
+
+SETTINGS = {
+    "push-t": Setting("push_t_demos.npz", Options(frame="body")),
+    "arm-ring": Setting("arm_ring_demos.npz", _WHOLE),
+    "arm-ring-receding": Setting("arm_ring_demos.npz", _RECEDING),
+    "arm-avoid": Setting("arm_avoid_demos.npz", _WHOLE),
+    "arm-avoid-receding": Setting("arm_avoid_demos.npz", _RECEDING),
+}

@@ -1,5 +1,6 @@
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,8 +27,10 @@ SMALL = Options(
 
 @pytest.fixture(autouse=True)
 def _little_to_score(monkeypatch):
-    from cotlearn.robots.benchmark import scores, weight
+    from cotlearn.robots.benchmark import cells, scores, weight
 
+    recipe = SimpleNamespace(expert=lambda: SimpleNamespace(episode=_straight_on))
+    monkeypatch.setattr(cells, "RECIPES", {"push-t": recipe})
     monkeypatch.setattr(scores, "SCORED_STATES", 20)
     monkeypatch.setattr(scores, "SCORED_SAMPLES", 2)
     monkeypatch.setattr(scores, "MODE_STARTS", 2)
@@ -35,6 +38,11 @@ def _little_to_score(monkeypatch):
     monkeypatch.setattr(scores, "rollout", _short)
     monkeypatch.setattr(weight, "FRONTIER_ROWS", 128)
     monkeypatch.setattr(weight, "FACTORS", (1.0, 100.0))
+
+
+def _straight_on(seed, *, state):
+    """A demonstration that goes to the T for ten steps."""
+    return SimpleNamespace(action=np.repeat(state[None, 2:4].clip(0, 512), 10, axis=0))
 
 
 def _short(policy, **options):
@@ -126,6 +134,7 @@ def test_bench_goes_on_and_is_summarised(episodes, tmp_path):
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(summary))
     rows = {(row["method"], row["sampler"]): row for row in summary["rows"]}
     assert len(rows) == 3 * 5 + 5 + 1
+    assert summary["demonstrations"]["mode_entropy"] == 0  # always straight on
     reference = rows["independent", "euler-16"]
     assert reference["against_reference"]["coverage"] == (0.0, 0.0, 0.0)
     row = rows["diffusion", "ddpm-100"]

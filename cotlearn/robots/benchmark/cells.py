@@ -9,13 +9,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from cotlearn.metrics import mode_entropy
+from cotlearn.robots.benchmark import scores
 from cotlearn.robots.benchmark.protocol import Protocol, machine, write_json
 from cotlearn.robots.benchmark.scores import evaluate, samplers
 from cotlearn.robots.benchmark.weight import choose_weight, needs_weight, seen_by
 from cotlearn.robots.episodes import Episodes, split
+from cotlearn.robots.experts.modes import demonstrated_modes
+from cotlearn.robots.experts.record import RECIPES
 from cotlearn.robots.policies import ChunkPolicy
+from cotlearn.robots.task import Task
 from cotlearn.robots.training import METHODS, Options, Trained, train
 from cotlearn.validation import check_choice, check_count
+
+DEMONSTRATED = "demonstrations.json"  #: in the folder of the cells
 
 Say = Callable[[str], None]
 
@@ -70,6 +77,7 @@ def bench(
         score = episodes.task.score
         means = {name: round(s["summary"][score], 3) for name, s in values["samplers"].items()}
         say(f"{cell.stem}: trained in {values['training']['seconds']:.0f} s; {score} {means}")
+    _demonstrate(folder / DEMONSTRATED, episodes.task, progress, say)
     return cells
 
 
@@ -96,6 +104,21 @@ def measure_latency(
             cell["samplers"][sampler.name]["latency_ms"] = 1000 * seconds
         write_json(path, cell)
         say(f"{path.stem}: latency measured")
+
+
+def _demonstrate(path: Path, task: Task, progress: bool | None, say: Say) -> None:
+    """The modes of the demonstrator from the starts from which policies' modes are counted."""
+    if path.is_file():
+        return
+    say("demonstrations: counting modes")
+    modes = demonstrated_modes(
+        task,
+        RECIPES[task.name].expert(),
+        range(scores.MODE_SEED, scores.MODE_SEED + scores.MODE_STARTS),
+        draws=scores.MODE_DRAWS,
+        progress=progress,
+    )
+    write_json(path, {"mode_entropy": mode_entropy(modes), "modes": modes.tolist()})
 
 
 def _done(cell: Path, record: dict[str, Any]) -> bool:
@@ -155,12 +178,12 @@ def _cell(
         for file in place.glob(f"*{name}.training.safetensors"):
             file.unlink()
     data = policy.windows.dataset(held, label=options.fitting(held).label)
-    scores = {}
+    found = {}
     for sampler in samplers(policy):
         drawn = policy.with_sampler(sampler)
-        scores[sampler.name] = evaluate(drawn, data, episodes=protocol.episodes, progress=progress)
+        found[sampler.name] = evaluate(drawn, data, episodes=protocol.episodes, progress=progress)
     extra = {} if chosen is None else {"chosen_weight": chosen}
-    return {"method": method, "seed": seed, "training": about, "samplers": scores, **extra}
+    return {"method": method, "seed": seed, "training": about, "samplers": found, **extra}
 
 
 def _chosen_weight(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cotlearn.metrics import paired_bootstrap, wilson_interval
+from cotlearn.robots.benchmark.cells import DEMONSTRATED
 from cotlearn.robots.benchmark.protocol import write_json
 from cotlearn.robots.registry import find_task
 from cotlearn.robots.rollout import with_thresholds
@@ -55,12 +56,20 @@ def summarise(folder: str | Path, path: str | Path) -> dict[str, Any]:
         "command": f"cotlearn bench {name}",
         "protocol": cells[0]["protocol"],
         "reference": dict(zip(("method", "sampler"), REFERENCE, strict=True)),
+        "demonstrations": _demonstrations(Path(folder) / DEMONSTRATED),
         "rows": rows,
         "training": trained,
         **{key: cells[0][key] for key in ("versions", "machine")},
     }
     write_json(Path(path), summary)
     return summary
+
+
+def _demonstrations(path: Path) -> dict[str, Any]:
+    """How many ways the demonstrator has, to compare "mode_entropy" of the rows to."""
+    if not path.is_file():
+        return {}
+    return {"mode_entropy": json.loads(path.read_text(encoding="utf-8"))["mode_entropy"]}
 
 
 def _names(cells: list[Cell], method: str) -> list[str]:

@@ -11,7 +11,8 @@ from cotlearn.diagnostics import frontier
 from cotlearn.robots.episodes import Episodes
 from cotlearn.robots.training import Options
 
-FACTORS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)  #: condition weights, see `choose_weight`
+#: condition weights, see `choose_weight`
+FACTORS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 FRONTIER_ROWS = 4096  #: pairs looked at for each weight
 
 

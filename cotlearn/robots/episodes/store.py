@@ -1,4 +1,4 @@
-"""Read demonstrations of Push-T from wherever they are."""
+"""Read demonstrations from wherever they are."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from cotlearn.robots.episodes.checked import Episodes
 from cotlearn.robots.episodes.lerobot import read_lerobot
 from cotlearn.robots.episodes.replay import read_replay_buffer
+from cotlearn.robots.registry import find_task
 
 
 def read(path: str | Path) -> Episodes:
@@ -46,4 +47,6 @@ def _read_own(path: Path) -> Episodes:
         name=path.name,
         intention=stored.intention,
         seed=stored.seed.astype("int64"),
+        mode=None if stored.mode is None else stored.mode.astype("int64"),
+        task=find_task(stored.about["task"].lower()),
     )
