@@ -13,6 +13,12 @@ from cotlearn.plots.motion import Gif, animate, gif, gif_bytes
 from cotlearn.plots.pairs import pair_lines, paired_source, source_given_condition
 from cotlearn.plots.paths import trajectories, velocity_field
 from cotlearn.plots.points import scatter
+from cotlearn.plots.policies import (
+    differences,
+    score_against_latency,
+    score_against_nfe,
+    strata_heatmap,
+)
 from cotlearn.plots.potentials import contours, net, outlines
 from cotlearn.plots.push_t import (
     push_t_animation,
@@ -54,6 +60,7 @@ __all__ = [
     "beside_published",
     "contours",
     "curves",
+    "differences",
     "error_against_nfe",
     "frontier",
     "gif",
@@ -71,7 +78,10 @@ __all__ = [
     "push_t_episode",
     "push_t_state",
     "scatter",
+    "score_against_latency",
+    "score_against_nfe",
     "source_given_condition",
+    "strata_heatmap",
     "style_of",
     "training_curves",
     "trajectories",

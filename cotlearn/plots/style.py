@@ -1,4 +1,4 @@
-"""The look of the course: one colour, marker, line style and label for each coupling.
+"""The look of the course: one colour, marker, line style and label for each method.
 
 The source is dark, paths are faint, samples are coloured by their condition, and a coupling keeps
 its look in every figure, so that curves can also be told apart in grey. Coupling colours are those
@@ -25,6 +25,8 @@ COLORS: dict[str, str] = {
     "semidiscrete": "#E69F00",
     "aligned": "#882255",
     "reflow": "#999999",
+    "diffusion": "#332288",
+    "behaviour_cloning": "#997700",
     "truth": "#000000",
 }
 MARKERS: dict[str, str] = {
@@ -36,6 +38,8 @@ MARKERS: dict[str, str] = {
     "semidiscrete": "P",
     "aligned": "X",
     "reflow": "*",
+    "diffusion": "h",
+    "behaviour_cloning": "p",
     "truth": ".",
 }
 LINESTYLES: dict[str, Any] = {
@@ -47,6 +51,8 @@ LINESTYLES: dict[str, Any] = {
     "semidiscrete": (0, (1, 1)),
     "aligned": (0, (3, 1, 1, 1, 1, 1)),
     "reflow": (0, (5, 4)),
+    "diffusion": (0, (6, 1, 1, 1)),
+    "behaviour_cloning": (0, (4, 2)),
     "truth": ":",
 }
 LABELS: dict[str, str] = {
@@ -58,6 +64,8 @@ LABELS: dict[str, str] = {
     "semidiscrete": "semidiscrete COT",
     "aligned": "model-aligned",
     "reflow": "reflow",
+    "diffusion": "diffusion",
+    "behaviour_cloning": "regression (BC)",
     "truth": "truth",
 }
 CONDITION_COLORS: tuple[str, ...] = (
@@ -78,7 +86,7 @@ SOURCE_COLOR = "#222222"
 PATH_COLOR = "#8c8c8c"
 
 # Names that are in none of the tables above take the next free look, and keep it.
-SPARE_COLORS: tuple[str, ...] = ("#444444", "#332288", "#999933", "#AA4499", "#661100", "#117733")
+SPARE_COLORS: tuple[str, ...] = ("#444444", "#6699CC", "#999933", "#AA4499", "#661100", "#117733")
 SPARE_MARKERS: tuple[str, ...] = ("h", "<", ">", "p", "d", "8", "H")
 SPARE_LINESTYLES: tuple[Any, ...] = ("-", (0, (7, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)), (0, (1, 3)))
 _SPARE_LOOKS: dict[str, int] = {}

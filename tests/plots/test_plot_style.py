@@ -7,7 +7,7 @@ from matplotlib.colors import to_rgb
 
 from cotlearn import plots
 
-COUPLING_NAMES = {
+METHOD_NAMES = {
     "independent",
     "minibatch_ot",
     "conditional_ot",
@@ -16,16 +16,18 @@ COUPLING_NAMES = {
     "semidiscrete",
     "aligned",
     "reflow",
+    "diffusion",
+    "behaviour_cloning",
     "truth",
 }
 
 
-def test_every_coupling_has_one_colour_marker_line_and_label():
+def test_every_method_has_one_colour_marker_line_and_label():
     for table in (plots.COLORS, plots.MARKERS, plots.LINESTYLES, plots.LABELS):
-        assert set(table) == COUPLING_NAMES
-    assert len(set(plots.COLORS.values())) == len(COUPLING_NAMES)
-    assert len(set(plots.MARKERS.values())) == len(COUPLING_NAMES)
-    assert len({str(v) for v in plots.LINESTYLES.values()}) == len(COUPLING_NAMES)
+        assert set(table) == METHOD_NAMES
+    assert len(set(plots.COLORS.values())) == len(METHOD_NAMES)
+    assert len(set(plots.MARKERS.values())) == len(METHOD_NAMES)
+    assert len({str(v) for v in plots.LINESTYLES.values()}) == len(METHOD_NAMES)
     assert len(set(plots.CONDITION_COLORS)) == len(plots.CONDITION_MARKERS) == 10
 
 
