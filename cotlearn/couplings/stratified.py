@@ -20,6 +20,7 @@ from cotlearn.couplings.base import (
     draw_noise,
     generator_for,
     squared_distances,
+    to_numpy,
 )
 from cotlearn.couplings.conditions import KMeansCondition, PCAKMeansCondition
 from cotlearn.validation import check_condition, check_count
@@ -42,6 +43,9 @@ class StratifiedOT(Coupling):
         clusters: K clusters by k-means on the standardised conditions, fitted anew to the data of
             each stream; a fitted or unfitted `KMeansCondition` or `PCAKMeansCondition`; or None:
             one per distinct condition.
+        residual: pair x0 with what a linear regression of x1 on c leaves over in the cluster. Where
+            x1 follows c inside a cluster, x0 would follow it, too; the residual does not, and
+            straightens as much. Which rows meet changes, x1 itself does not.
         rows_per_solve: larger clusters are cut at random into parts of at most this many rows.
         n_samples: rows of an epoch for endless samplers, drawn afresh each epoch.
         seed: of k-means++.
@@ -59,6 +63,7 @@ class StratifiedOT(Coupling):
         self,
         clusters: int | Clusters | None = None,
         *,
+        residual: bool = False,
         rows_per_solve: int = 1024,
         n_samples: int | None = None,
         seed: int = 0,
@@ -67,19 +72,22 @@ class StratifiedOT(Coupling):
         if clusters is not None and not isinstance(clusters, Clusters):
             clusters = KMeansCondition(check_count(clusters, "clusters"), seed=seed)
         self.clusters = clusters
+        self.residual = residual
         self.rows_per_solve = check_count(rows_per_solve, "rows_per_solve", minimum=2)
         if self.rows_per_solve > LARGEST_SOLVE:
             raise ValueError(f"rows_per_solve must be at most {LARGEST_SOLVE}: {rows_per_solve}")
         self.n_samples = None if n_samples is None else check_count(n_samples, "n_samples")
         self._labels: tuple[Tensor, NDArray[np.int64]] | None = None
+        self._left: tuple[Tensor, Tensor, Tensor] | None = None
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Pair within the clusters of c; row i of the noise has the cluster of c_i."""
         assert c is not None
         label = self._label(check_condition(c))
+        meant = self._residuals(x1, c, label) if self.residual else x1
         target = np.empty(len(x0), dtype=np.int64)
         for rows in self._solves(label, rng):
-            cost = squared_distances(x0[torch.from_numpy(rows)], x1[torch.from_numpy(rows)])
+            cost = squared_distances(x0[torch.from_numpy(rows)], meant[torch.from_numpy(rows)])
             target[rows] = rows[exact_permutation(cost)]
         return Match(np.arange(len(x0)), target)
 
@@ -153,7 +161,7 @@ class StratifiedOT(Coupling):
         if c is None:
             raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
         self.clusters.fit(c)
-        self._labels = None
+        self._labels = self._left = None
 
     def _label(self, c: Tensor) -> NDArray[np.int64]:
         if self._labels is not None and self._labels[0] is c:
@@ -168,14 +176,24 @@ class StratifiedOT(Coupling):
         self._labels = (c, numbers)
         return numbers
 
+    def _residuals(self, x1: Tensor, c: Tensor, label: NDArray[np.int64]) -> Tensor:
+        """What the conditions leave over of x1 in each cluster, (N, d)."""
+        if self._left is not None and self._left[0] is x1 and self._left[1] is c:
+            return self._left[2]
+        values, conditions = to_numpy(x1), to_numpy(c)
+        left = np.empty_like(values)
+        for rows in _groups(np.argsort(label, kind="stable"), label):
+            left[rows] = _unexplained(values[rows], conditions[rows])
+        self._left = (x1, c, torch.from_numpy(left).to(x1))
+        return self._left[2]
+
     def _solves(
         self, label: NDArray[np.int64], rng: np.random.Generator
     ) -> Iterator[NDArray[np.int64]]:
         """The rows of each assignment: clusters, the large ones cut up evenly at random."""
         shuffled = rng.permutation(len(label))
         by_label = shuffled[np.argsort(label[shuffled], kind="stable")]
-        ends = np.flatnonzero(np.diff(label[by_label])) + 1
-        for rows in np.split(by_label, ends):
+        for rows in _groups(by_label, label):
             yield from np.array_split(rows, -(-len(rows) // self.rows_per_solve))
 
     def state_dict(self) -> dict[str, Tensor]:
@@ -186,7 +204,30 @@ class StratifiedOT(Coupling):
         """Take back what `state_dict` gave."""
         if self.clusters is not None and state:
             self.clusters.load_state_dict(state)
-            self._labels, self._refit = None, False
+            self._labels, self._left, self._refit = None, None, False
+
+
+def _groups(ordered: NDArray[np.int64], label: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Rows that are ordered by label, cut where the label changes."""
+    return np.split(ordered, np.flatnonzero(np.diff(label[ordered])) + 1)
+
+
+def _unexplained(values: NDArray[Any], conditions: NDArray[Any]) -> NDArray[np.float64]:
+    """Residuals (n, d) of a linear regression of values (n, d) on conditions (n, k).
+
+    With an intercept, each condition scaled to unit variance, and a ridge of 1, which is little
+    for more rows than conditions and holds fewer rows back from being explained away.
+    """
+    y = values.astype(np.float64) - values.mean(axis=0, dtype=np.float64)
+    z = conditions.astype(np.float64) - conditions.mean(axis=0, dtype=np.float64)
+    spread = z.std(axis=0)
+    z = z[:, spread > 1e-12] / spread[spread > 1e-12]
+    n, k = z.shape
+    if n <= k:
+        dual: NDArray[np.float64] = np.linalg.solve(z @ z.T + np.eye(n), y)
+        return dual
+    residual: NDArray[np.float64] = y - z @ np.linalg.solve(z.T @ z + np.eye(k), z.T @ y)
+    return residual
 
 
 def _concatenate(parts: list[Pairs]) -> Pairs:

@@ -43,6 +43,7 @@ METHODS = {
     "minibatch_ot": "flow matching, naive minibatch OT",
     "conditional_ot": "flow matching, COT with a condition weight",
     "stratified": "flow matching, one assignment for each cluster of conditions and epoch",
+    "residual": "as stratified, by what the condition leaves over of the chunk",
     "aligned": "flow matching, model-aligned pairs (MAC, weighted)",
     "reflow": "rectified flow on the pairs of a flow with independent pairs",
     "behaviour_cloning": "regression of the chunk, mean squared error",
@@ -233,8 +234,8 @@ def coupling_for(method: str, options: Options) -> Coupling:
     if method == "conditional_ot":
         weight = options.condition_weight
         return ConditionalOT() if weight is None else ConditionalOT(weight)
-    if method == "stratified":
-        return StratifiedOT(options.clusters)
+    if method in ("stratified", "residual"):
+        return StratifiedOT(options.clusters, residual=method == "residual")
     if method == "aligned":
         return ModelAligned("weighted", warmup_steps=options.steps // 5)
     return Independent()

@@ -287,3 +287,54 @@ def test_a_source_of_ones_own():
 def test_bad_input(call, error, message):
     with pytest.raises(error, match=message):
         call(numbered())
+
+
+# --- residuals ------------------------------------------------------------------------------------
+
+
+def following(n=4000, seed=0):
+    """x1 follows c steeply, with a spread of its own."""
+    g = seeded(seed)
+    c = torch.rand(n, 2, generator=g)
+    x1 = 8 * c + torch.randn(n, 2, generator=g)
+    return Dataset(x1, c)
+
+
+def dependence(pairs):
+    """R^2 of a quadratic regression of x0 on c, and the correlation of x0 with x1 - E[x1 | c]."""
+    c = pairs.c.double()
+    design = torch.stack([c[:, 0] ** a * c[:, 1] ** b for a in range(5) for b in range(5)], dim=1)
+    weights = torch.linalg.lstsq(design, pairs.x0.double()).solution
+    explained = float((design @ weights).var() / pairs.x0.var())
+    own = pairs.x1.double() - 8 * c
+    return explained, float((pairs.x0.double() * own).mean() / own.std() / pairs.x0.std())
+
+
+def test_residuals_leave_less_dependence_and_straighten_as_much():
+    data = following()
+    x0 = torch.randn(4000, 2, generator=seeded(1))
+    plain = dependence(StratifiedOT(16)(x0, data.x1, data.c, generator=seeded(2)))
+    left = dependence(StratifiedOT(16, residual=True)(x0, data.x1, data.c, generator=seeded(2)))
+    assert left[0] < 0.2 * plain[0]
+    assert left[1] > plain[1]
+
+
+def test_residuals_change_nothing_where_each_condition_is_a_cluster():
+    data = numbered()
+    batches = take(StratifiedOT(), data, 3)
+    assert all(map(same, batches, take(StratifiedOT(residual=True), data, 3)))
+
+
+def test_residuals_keep_the_data_as_they_are():
+    data = following(200)
+    batches = take(StratifiedOT(5, residual=True), data, 20)
+    for first in (0, 10):
+        epoch = batches[first : first + 10]
+        assert torch.equal(joined(epoch, "x1").sort(dim=0).values, data.x1.sort(dim=0).values)
+
+
+@pytest.mark.parametrize("clusters", [60, 119, 120])
+def test_residuals_of_clusters_with_few_rows(clusters):
+    data = continuous()
+    batch = take(StratifiedOT(clusters, residual=True), data, 1)[0]
+    assert torch.isfinite(batch.x1).all()
