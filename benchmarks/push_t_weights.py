@@ -1,0 +1,59 @@
+"""Ships trained policies of Push-T with the course, in 16 bits.
+
+Takes the policies of seed 0 that `cotlearn bench push-t` trained and kept in build/push_t, and
+writes them to data/weights/. Then compares each with its original: by how many pixels actions are
+moved by the rounding, and what that does to paired rollouts, where contacts amplify any difference.
+
+    python benchmarks/push_t_weights.py
+    python -m cotlearn.assets
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from cotlearn.assets import data_folder
+from cotlearn.metrics import paired_bootstrap
+from cotlearn.robots.policies import ChunkPolicy, FlowSampler
+from cotlearn.robots.rollout import rollout
+
+METHODS = ("independent", "minibatch_ot", "stratified")
+SEED, EPISODES = 0, 200
+TRAINED = Path(__file__).resolve().parents[1] / "build" / "push_t"
+
+
+def main() -> None:
+    """Writes the files and compares them with what they were made from."""
+    torch.set_num_threads(1)
+    for method in METHODS:
+        policy, about = ChunkPolicy.load_with_about(TRAINED / f"{method}-{SEED}.safetensors")
+        shipped = data_folder() / "weights" / f"push_t_{method}.safetensors"
+        record = {"coupling": method, "seed": SEED, "protocol": about["protocol"]}
+        policy.save(shipped, half=True, about=record)
+        rounded = ChunkPolicy.load(shipped)
+        print(f"{shipped.name}: {shipped.stat().st_size / 1e6:.2f} MB")
+        for nfe in (1, 2):
+            compare(policy.with_sampler(FlowSampler(nfe)), rounded.with_sampler(FlowSampler(nfe)))
+
+
+def compare(original: ChunkPolicy, rounded: ChunkPolicy) -> None:
+    """Prints how far two policies differ on the same noise, in one chunk and in whole episodes."""
+    starts = original.windows.task.worlds(range(EPISODES)).states
+    history = np.repeat(starts[:, None], original.windows.observe, axis=1)
+    noise = original.noise(EPISODES, torch.Generator().manual_seed(SEED))
+    first, second = (policy.chunk(history, noise=noise) for policy in (original, rounded))
+    before, after = (rollout(p, episodes=EPISODES)["coverage"] for p in (original, rounded))
+    mean, low, high = paired_bootstrap(after[None], before[None])
+    moved = np.linalg.norm(first - second, axis=2)
+    print(
+        f"  {original.sampler.name}: actions moved by {moved.mean():.2f} pixels, at most "
+        f"{moved.max():.2f}; coverage {before.mean():.3f}, in 16 bits {after.mean():.3f}, "
+        f"difference {mean:+.3f} ({low:+.3f} to {high:+.3f})"
+    )
+
+
+if __name__ == "__main__":
+    main()
