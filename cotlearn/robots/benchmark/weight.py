@@ -20,7 +20,9 @@ def choose_weight(data: Dataset, options: Options, *, seed: int = 0) -> dict[str
     """COT's condition weight by the frontier, before any training and without any rollout.
 
     Among multiples of the ratio of sample to condition variance, the weight with the smallest
-    predicted one-step error whose prior skew is not significant; if all are, the least skewed one.
+    one-step variance whose prior skew is not significant; if all are, the least skewed one. (The
+    predicted one-step error, which weighs both in few dimensions, says little about chunks: in
+    dozens of dimensions no pair has near neighbours, and it is least for independent pairs.)
 
     Returns:
         "condition_weight", "reason", and the points of the frontier.
@@ -40,8 +42,8 @@ def choose_weight(data: Dataset, options: Options, *, seed: int = 0) -> dict[str
     points = [point for point in found if point.name in couplings]
     clean = [point for point in points if not point.flagged]
     if clean:
-        best = min(clean, key=lambda point: point.one_step_error)
-        reason = "smallest predicted one-step error without significant skew"
+        best = min(clean, key=lambda point: point.one_step_variance)
+        reason = "smallest one-step variance without significant skew"
     else:
         best = min(points, key=lambda point: point.skew)
         reason = "every weight skews the prior significantly; this one least"
