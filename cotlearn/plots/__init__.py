@@ -6,10 +6,11 @@ the animation. ``style`` says what everything looks like.
 """
 
 from cotlearn.plots._canvas import PANEL_SIZE, panels
+from cotlearn.plots.arm import arm_animation, arm_paths, arm_paths_3d, arm_pose
 from cotlearn.plots.distributions import bars, histogram
 from cotlearn.plots.images import image_grid
 from cotlearn.plots.lines import curves, error_against_nfe, training_curves
-from cotlearn.plots.motion import Gif, animate, gif, gif_bytes
+from cotlearn.plots.motion import Gif, animate, film, gif, gif_bytes
 from cotlearn.plots.pairs import pair_lines, paired_source, source_given_condition
 from cotlearn.plots.paths import trajectories, velocity_field
 from cotlearn.plots.points import scatter
@@ -56,12 +57,17 @@ __all__ = [
     "SOURCE_COLOR",
     "Gif",
     "animate",
+    "arm_animation",
+    "arm_paths",
+    "arm_paths_3d",
+    "arm_pose",
     "bars",
     "beside_published",
     "contours",
     "curves",
     "differences",
     "error_against_nfe",
+    "film",
     "frontier",
     "gif",
     "gif_bytes",

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import base64
+import io
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
 from cotlearn.plots._arrays import as_classes, as_path
 from cotlearn.plots._canvas import finish_plane, panels
@@ -96,6 +99,32 @@ def gif(animation: FuncAnimation, *, fps: int = 9, dpi: int = 72) -> Gif:
         What a cell displays; the bytes are in ``.data``.
     """
     return Gif(gif_bytes(animation, fps=fps, dpi=dpi))
+
+
+def film(images: Sequence[NDArray[np.uint8]], *, fps: int = 10, colors: int = 64) -> Gif:
+    """Make a GIF of rendered pictures for display in a notebook.
+
+    Args:
+        images: (height, width, 3) each, as `env.render()` gives them.
+        fps: frames a second.
+        colors: in all; fewer make a smaller file.
+
+    Raises:
+        ValueError: no images, or arrays that are none.
+    """
+    if len(images) == 0 or any(np.ndim(image) != 3 for image in images):
+        raise ValueError("images must be at least one array of shape (height, width, 3)")
+    frames = [Image.fromarray(image).quantize(colors, dither=Image.Dither.NONE) for image in images]
+    with io.BytesIO() as target:
+        frames[0].save(
+            target,
+            format="GIF",
+            save_all=True,
+            append_images=frames[1:],
+            duration=round(1000 / fps),
+            loop=0,
+        )
+        return Gif(target.getvalue())
 
 
 def gif_bytes(animation: FuncAnimation, *, fps: int = 9, dpi: int = 72) -> bytes:

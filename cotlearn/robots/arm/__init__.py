@@ -4,7 +4,7 @@ MuJoCo itself is imported when the first world is made.
 """
 
 from cotlearn.robots.arm.frames import GoalFrame
-from cotlearn.robots.arm.kinematics import Solution, forward, solve
+from cotlearn.robots.arm.kinematics import Solution, forward, skeleton, solve
 from cotlearn.robots.arm.simulation import ArmWorlds, random_start
 from cotlearn.robots.arm.task import KINDS, MAX_STEPS, SUCCESS, WAYS, columns, pillars
 from cotlearn.robots.arm.ways import way_round
@@ -21,6 +21,7 @@ __all__ = [
     "forward",
     "pillars",
     "random_start",
+    "skeleton",
     "solve",
     "way_round",
 ]

@@ -99,6 +99,13 @@ def forward(joints: ArrayLike) -> Chain:
     return Chain(origins, axes, flange, flange + TOOL * down, down)
 
 
+def skeleton(joints: ArrayLike) -> Array:
+    """(n, 10, 3), the base, the joints, the flange and the tip of the tool, of joints (n, 7)."""
+    chain = forward(joints)
+    ends = np.stack([chain.flange, chain.tip], axis=1)
+    return np.concatenate([np.zeros((len(ends), 1, 3)), chain.origins, ends], axis=1)
+
+
 @dataclass(frozen=True)
 class Solution:
     """What inverse kinematics found for n targets.

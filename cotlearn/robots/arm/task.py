@@ -18,7 +18,7 @@ PILLARS = {kind: sum(rows) for kind, rows in ROWS.items()}
 WAYS = {
     "ring": ("left", "right", "over"),
     "avoid": tuple(f"gap {first}, gap {second}" for first in range(3) for second in range(4)),
-}  #: the ways round, by number; left is where y is greater when one looks from start to goal
+}  #: the ways round, by number; left as one looks from start to goal, gaps in the order of y
 
 TIP, GOAL = (
     slice(0, 3),
