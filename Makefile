@@ -2,16 +2,18 @@
 PYTHON ?= python3
 ARGS ?=
 
-.PHONY: help lab test course setup clean
+.PHONY: help lab test course docs slides setup clean
 
 help:
 	@echo "make lab      open the course in JupyterLab (ARGS='--port 9999' for its options)"
 	@echo "make test     run lint, types, unit tests and every notebook"
 	@echo "make course   execute the notebooks in order; pages to read in build/course"
+	@echo "make docs     build the site in build/site and check it"
+	@echo "make slides   slides from the notebooks in build/slides (ARGS='00 01' for some)"
 	@echo "make setup    only set up"
 	@echo "make clean    remove the environment and all results"
 
-lab test course setup:
+lab test course docs slides setup:
 	@"$(PYTHON)" course.py $@ $(ARGS)
 
 clean:

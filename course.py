@@ -1,15 +1,18 @@
-"""Sets up the course and runs it: the one script behind `make lab`, `make test` and `make course`.
+"""Sets up the course and runs it: the one script behind `make lab`, `make test` and the others.
 
 Usage, on Windows too::
 
     python course.py lab        open the course in JupyterLab
     python course.py test       run every test and every notebook
     python course.py course     execute the notebooks in order, leave pages in build/course
+    python course.py docs       build the site in build/site and check it
+    python course.py slides     make slides from the notebooks in build/slides
     python course.py setup      only set up
 
 It needs Python 3.11 to 3.13 and its standard library. Everything it writes stays in this folder:
 the environment in `.venv`, results in `build`. What follows `lab` goes on to JupyterLab
-(`python course.py lab --port 9999`), what follows `course` names notebooks (`course 00 01`).
+(`python course.py lab --port 9999`), what follows `course` or `slides` names notebooks
+(`course 00 01`).
 """
 
 from __future__ import annotations
@@ -39,7 +42,7 @@ OLDEST, NEWEST = (3, 11), (3, 13)
 DOWNLOAD, DOWNLOAD_CUDA = 0.5, 3.5
 DISK, DISK_CUDA = 2.0, 9.0
 #: Imported by name to see that the environment is whole.
-PROBES = ("torch", "ot", "sklearn", "matplotlib", "jupyterlab", "nbclient", "nbval", "mujoco")
+PROBES = ("torch", "ot", "sklearn", "jupyterlab", "nbclient", "nbval", "mujoco", "sphinx")
 CELL_TIMEOUT = 300
 
 
@@ -280,7 +283,7 @@ def child_environment(**more: str) -> dict[str, str]:
     return {**kept, **always, **more}
 
 
-# --- lab, course ------------------------------------------------------------------------------
+# --- lab, course, docs, slides ----------------------------------------------------------------
 
 
 def lab(python: Path, extra: list[str]) -> int:
@@ -294,6 +297,18 @@ def course(python: Path, extra: list[str]) -> int:
     pages.mkdir(parents=True, exist_ok=True)
     command = [str(python), "-m", "cotlearn", "run", "--html", str(pages), *extra]
     return call(command, **tools_first())
+
+
+def docs(python: Path, extra: list[str]) -> int:
+    """Builds the site and checks its words, links and figures."""
+    if extra:
+        raise Problem(f"docs takes no more words, got: {' '.join(extra)}")
+    return call([str(python), str(ROOT / "docs" / "build.py")], **tools_first())
+
+
+def slides(python: Path, extra: list[str]) -> int:
+    """Makes slides from the notebooks as they are stored; nothing is executed."""
+    return call([str(python), str(ROOT / "docs" / "slides.py"), *extra], **tools_first())
 
 
 def tools_first() -> dict[str, str]:
@@ -455,7 +470,14 @@ def shlex_quote(text: str) -> str:
     return f'"{text}"' if " " in text else text
 
 
-COMMANDS = {"lab": lab, "test": test, "course": course, "setup": None}
+COMMANDS = {
+    "lab": lab,
+    "test": test,
+    "course": course,
+    "docs": docs,
+    "slides": slides,
+    "setup": None,
+}
 
 
 def main(arguments: list[str]) -> int:

@@ -1,6 +1,11 @@
-"""Every Python block of the documentation runs."""
+"""Every Python block of the documentation runs.
+
+A word after ```python names a package that the block needs; without it the block is skipped. A
+block may use what the blocks before it on its page have defined, but for those with such a word.
+"""
 
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -9,18 +14,39 @@ DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"^```python *(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
+@cache
+def blocks_of(page):
+    return BLOCK.findall(page.read_text("utf-8"))
+
+
 def blocks():
-    for page in sorted(DOCS.glob("*.md")):
-        for number, (needs, code) in enumerate(BLOCK.findall(page.read_text("utf-8")), start=1):
-            yield pytest.param(needs, code, id=f"{page.stem}-{number}")
+    for page in sorted(DOCS.rglob("*.md")):
+        for number in range(len(blocks_of(page))):
+            yield pytest.param(page, number, id=f"{page.stem}-{number + 1}")
+
+
+@cache
+def names_after(page, number):
+    """Run the first blocks of a page that need nothing; return the names that they define."""
+    if number == 0:
+        return {}
+    names = dict(names_after(page, number - 1))
+    needs, code = blocks_of(page)[number - 1]
+    if not needs:
+        exec(compile(code, f"{page.stem}, block {number}", "exec"), names)
+    return names
 
 
 def test_there_are_blocks():
-    assert len(list(blocks())) >= 4
+    assert len(list(blocks())) >= 8
 
 
-@pytest.mark.parametrize(("needs", "code"), list(blocks()))
-def test_block_runs(needs, code):
+@pytest.mark.parametrize(("page", "number"), list(blocks()))
+def test_block_runs(page, number):
+    needs, code = blocks_of(page)[number]
     if needs:
         pytest.importorskip(needs, reason=f"{needs} is not installed")
-    exec(compile(code, "<documentation>", "exec"), {})
+        names = dict(names_after(page, number))
+        exec(compile(code, f"{page.stem}, block {number + 1}", "exec"), names)
+    else:
+        names_after(page, number + 1)

@@ -1,0 +1,103 @@
+"""How Sphinx makes the site; `make docs` calls it through docs/build.py.
+
+The source folder is the root of the checkout, so that a link between a page and a notebook is the
+same file path on the site, in JupyterLab and on a code host.
+"""
+
+import sys
+from importlib.metadata import distribution
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+sys.path[:0] = [str(HERE / "extensions"), str(ROOT)]
+
+from cotlearn import __version__  # noqa: E402
+
+project = "cotlearn"
+author = "The cotlearn authors"
+copyright = "The cotlearn authors; code MIT, text and figures CC BY 4.0"
+release = version = __version__
+language = "en"
+
+# --- what belongs to the site -----------------------------------------------------------------
+
+root_doc = "docs/index"
+include_patterns = [
+    "docs/**.md",
+    "notebooks/[0-9][0-9]_*.ipynb",
+    "notebooks/extras/*.ipynb",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "data/README.md",
+]
+exclude_patterns = [".*", "build", "cotlearn", "tests", "**/.ipynb_checkpoints", "docs/extensions"]
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+    "sphinxcontrib.bibtex",
+    "alternative_text",
+    "docstrings",
+    "links",
+    "modules",
+    "timetable",
+]
+suppress_warnings = ["config.cache"]
+
+# --- pages and notebooks ----------------------------------------------------------------------
+
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+nb_execution_mode = "off"  # the outputs are those that are stored, which the tests compare
+nb_merge_streams = True
+
+# Formulas are drawn by a copy of MathJax, as pictures, so neither a font nor the network is needed.
+MATHJAX = distribution("sphinx-mathjax-offline").locate_file(
+    "sphinx-mathjax-offline/static/mathjax/tex-svg.js"
+)
+mathjax_path = MATHJAX.name
+
+# --- API --------------------------------------------------------------------------------------
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+autodoc_preserve_defaults = True
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+python_use_unqualified_type_names = True
+add_module_names = False
+default_role = "code"  # `x` in a docstring is code
+
+# --- bibliography -----------------------------------------------------------------------------
+
+bibtex_bibfiles = [str(HERE / "reference" / "references.bib")]
+bibtex_reference_style = "author_year"
+bibtex_default_style = "plain"
+
+# --- look -------------------------------------------------------------------------------------
+
+html_theme = "furo"
+html_title = "cotlearn"
+html_static_path = [str(HERE / "static"), str(MATHJAX)]
+html_extra_path = [str(HERE / "root")]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sphinx = False
+pygments_style = "friendly"
+pygments_dark_style = "monokai"
+html_theme_options = {
+    "light_css_variables": {
+        "color-brand-primary": "#0b5ea8",
+        "color-brand-content": "#0b5ea8",
+    },
+    "dark_css_variables": {
+        "color-brand-primary": "#7cc0ff",
+        "color-brand-content": "#7cc0ff",
+    },
+}

@@ -1,0 +1,67 @@
+"""Reads the docstrings of the house as reStructuredText.
+
+They write formulas as |x0 - x1|^2 and lists without an empty line before them; both mean something
+else in reStructuredText.
+"""
+
+import re
+
+from sphinx.application import Sphinx
+
+CODE = re.compile(r"(``.+?``|`[^`]+`)")
+SPECIAL = re.compile(r"([|*\\]|(?<=\w)_(?!\w))")
+ITEM = re.compile(r"\s*- ")
+
+
+def escape(text: str) -> str:
+    r"""Return a line in which |, *, \ and a last underscore stand for themselves.
+
+    Code between backticks stays as it is.
+    """
+    parts = CODE.split(text)
+    return "".join(p if CODE.fullmatch(p) else SPECIAL.sub(r"\\\1", p) for p in parts)
+
+
+def indentation(line: str) -> int:
+    """Return the number of spaces before the text of a line."""
+    return len(line) - len(line.lstrip())
+
+
+def prepare(lines: list[str]) -> list[str]:
+    """Return the lines of a docstring with formulas escaped and empty lines around lists.
+
+    Indented blocks after `::` stay as they are.
+    """
+    result: list[str] = []
+    block: int | None = None  # indentation of the line that ended in ::, while its block lasts
+    item: int | None = None  # indentation of the last item, while its list lasts
+    for line in lines:
+        if not line.strip():
+            result.append(line)
+            item = None
+            continue
+        if block is not None and indentation(line) <= block:
+            block = None
+        if block is not None:
+            result.append(line)
+            continue
+        begins, goes_on = bool(ITEM.match(line)), item is not None and indentation(line) > item
+        if (begins and item is None) or (item is not None and not begins and not goes_on):
+            result.append("")
+        item = indentation(line) if begins else item if goes_on else None
+        block = indentation(line) if line.rstrip().endswith("::") else None
+        result.append(escape(line))
+    return result
+
+
+def process(
+    app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
+) -> None:
+    """Change the lines of one docstring in place."""
+    lines[:] = prepare(lines)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register the handler; it goes before napoleon's."""
+    app.connect("autodoc-process-docstring", process, priority=100)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
