@@ -62,7 +62,7 @@ def train(
         chosen = episode_files.read(policies.demonstrations(data, setting))
         if episodes is not None:
             chosen = chosen.select(list(range(min(episodes, len(chosen)))))
-        options = benchmark.with_weight(coupling, chosen, setting.options)
+        options = benchmark.with_choice(coupling, chosen, setting.options)
         checkpoint = out.with_name(f"{out.stem}.training.safetensors")
         trained = training.train(
             coupling, chosen, seed=seed, options=options, checkpoint=checkpoint

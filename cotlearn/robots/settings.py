@@ -23,7 +23,7 @@ class Setting:
 #: The whole way to the goal at once, as ten knots, from where the arm starts.
 _WHOLE = Options(
     frame="goal",
-    steps=12_000,
+    steps=6000,
     width=256,
     observe=1,
     predict=40,
@@ -31,10 +31,10 @@ _WHOLE = Options(
     knots=10,
     whole=True,
     early=0.3,
-    clusters=100,
+    clusters=None,
 )
 #: Some steps at a time, as on Push-T, in the coordinates of the world.
-_RECEDING = Options(frame="world", steps=12_000, width=256)
+_RECEDING = Options(frame="world", steps=6000, width=256, clusters=1024)
 
 SETTINGS = {
     "push-t": Setting("push_t_demos.npz", Options(frame="body")),

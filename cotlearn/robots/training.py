@@ -76,7 +76,7 @@ class Options:
         early: share of the rows of a flow that are trained at t = 0, see `EarlyFlowMatching`.
         ot_batch_size: rows of minibatch OT and COT.
         condition_weight: of COT; None: COT Policy's rule, "balanced" (`bench` asks the frontier).
-        clusters: of stratified OT.
+        clusters: of stratified OT; None where the frontier is to choose (`with_choice`).
         reflow_pairs: rows that the teacher pairs for reflow.
         reflow_nfe: evaluations with which it does.
     """
@@ -99,14 +99,16 @@ class Options:
     early: float = 0.0
     ot_batch_size: int = 512
     condition_weight: float | None = None
-    clusters: int = 4096
+    clusters: int | None = 4096
     reflow_pairs: int = 200_000
     reflow_nfe: int = 16
 
     def __post_init__(self) -> None:
         check_choice(self.network, "network", NETWORKS)
-        for name in ("steps", "batch_size", "clusters", "reflow_pairs", "reflow_nfe"):
+        for name in ("steps", "batch_size", "reflow_pairs", "reflow_nfe"):
             check_count(getattr(self, name), name)
+        if self.clusters is not None:
+            check_count(self.clusters, "clusters")
         if self.condition_weight is not None:
             check_number(self.condition_weight, "condition_weight")
         if check_count(self.execute, "execute") > check_count(self.predict, "predict"):
@@ -235,6 +237,8 @@ def coupling_for(method: str, options: Options) -> Coupling:
         weight = options.condition_weight
         return ConditionalOT() if weight is None else ConditionalOT(weight)
     if method in ("stratified", "residual"):
+        if options.clusters is None:
+            raise ValueError("clusters must be a number by now, got None: see with_choice")
         return StratifiedOT(options.clusters, residual=method == "residual")
     if method == "aligned":
         return ModelAligned("weighted", warmup_steps=options.steps // 5)

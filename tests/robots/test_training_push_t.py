@@ -1,5 +1,6 @@
 import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,8 +9,8 @@ import torch
 from typer.testing import CliRunner
 
 from cotlearn import cli
-from cotlearn.robots.benchmark import Protocol, bench, choose_weight, samplers, summarise
-from cotlearn.robots.episodes import Windows, write_lerobot
+from cotlearn.robots.benchmark import Protocol, bench, choose, samplers, summarise, with_choice
+from cotlearn.robots.episodes import write_lerobot
 from cotlearn.robots.policies import ChunkPolicy
 from cotlearn.robots.training import METHODS, Options, train
 
@@ -27,7 +28,7 @@ SMALL = Options(
 
 @pytest.fixture(autouse=True)
 def _little_to_score(monkeypatch):
-    from cotlearn.robots.benchmark import cells, scores, weight
+    from cotlearn.robots.benchmark import cells, choice, scores
 
     recipe = SimpleNamespace(expert=lambda: SimpleNamespace(episode=_straight_on))
     monkeypatch.setattr(cells, "RECIPES", {"push-t": recipe})
@@ -36,8 +37,9 @@ def _little_to_score(monkeypatch):
     monkeypatch.setattr(scores, "MODE_STARTS", 2)
     monkeypatch.setattr(scores, "MODE_DRAWS", 2)
     monkeypatch.setattr(scores, "rollout", _short)
-    monkeypatch.setattr(weight, "FRONTIER_ROWS", 128)
-    monkeypatch.setattr(weight, "FACTORS", (1.0, 100.0))
+    monkeypatch.setattr(choice, "FRONTIER_ROWS", 128)
+    monkeypatch.setattr(choice, "FACTORS", (1.0, 100.0))
+    monkeypatch.setattr(choice, "STRATUM_ROWS", (20, 40))
 
 
 def _straight_on(seed, *, state):
@@ -101,12 +103,18 @@ def test_bad_input(episodes, call, message):
         call(episodes)
 
 
-def test_the_frontier_chooses_a_weight(episodes):
-    windows = Windows.fit(episodes)
-    chosen = choose_weight(windows.dataset(episodes), SMALL)
-    assert chosen["condition_weight"] > 0
-    assert [point["factor"] for point in chosen["frontier"]] == ["independent", "1", "100"]
-    json.dumps(chosen, allow_nan=False)
+def test_the_frontier_chooses(episodes):
+    options = replace(SMALL, clusters=None)
+    data = options.windows(episodes).dataset(episodes, label=options.label)
+    for method, option in (("conditional_ot", "condition_weight"), ("residual", "clusters")):
+        chosen = choose(method, data, options)
+        assert chosen["option"] == option
+        assert chosen["value"] > 0
+        assert len(chosen["frontier"]) == 3
+        assert chosen["frontier"][0]["name"] == "independent"
+        json.dumps(chosen, allow_nan=False)
+        assert getattr(with_choice(method, episodes, options), option) == chosen["value"]
+    assert with_choice("stratified", episodes, SMALL) == SMALL
 
 
 # --- the benchmark --------------------------------------------------------------------------------
@@ -128,7 +136,7 @@ def test_bench_goes_on_and_is_summarised(episodes, tmp_path):
     assert not list((folder / "weights").glob("*training*"))
     cell = json.loads((folder / "conditional_ot-1.json").read_text())
     assert len(cell["samplers"]["euler-2"]["outcomes"]["coverage"]) == 2
-    assert cell["chosen_weight"]["condition_weight"] > 0
+    assert cell["chosen"]["value"] > 0
 
     summary = summarise(folder, tmp_path / "summary.json")
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(summary))

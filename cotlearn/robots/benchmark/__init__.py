@@ -1,20 +1,20 @@
 """The comparison of policies: one file for each (method, seed), and a summary of all of them."""
 
 from cotlearn.robots.benchmark.cells import bench, measure_latency
+from cotlearn.robots.benchmark.choice import choose, with_choice
 from cotlearn.robots.benchmark.protocol import Protocol
 from cotlearn.robots.benchmark.scores import evaluate, held_out_score, mode_draws, samplers
 from cotlearn.robots.benchmark.summary import summarise
-from cotlearn.robots.benchmark.weight import choose_weight, with_weight
 
 __all__ = [
     "Protocol",
     "bench",
-    "choose_weight",
+    "choose",
     "evaluate",
     "held_out_score",
     "measure_latency",
     "mode_draws",
     "samplers",
     "summarise",
-    "with_weight",
+    "with_choice",
 ]

@@ -11,9 +11,9 @@ from typing import Any
 
 from cotlearn.metrics import mode_entropy
 from cotlearn.robots.benchmark import scores
+from cotlearn.robots.benchmark.choice import choose, is_open, seen_by
 from cotlearn.robots.benchmark.protocol import Protocol, machine, write_json
 from cotlearn.robots.benchmark.scores import evaluate, samplers
-from cotlearn.robots.benchmark.weight import choose_weight, needs_weight, seen_by
 from cotlearn.robots.episodes import Episodes, split
 from cotlearn.robots.experts.modes import demonstrated_modes
 from cotlearn.robots.experts.record import RECIPES
@@ -147,9 +147,9 @@ def _cell(
 ) -> dict[str, Any]:
     name = f"{method}-{seed}"
     options, chosen = protocol.options, None
-    if needs_weight(method, options):
-        chosen = _chosen_weight(training, options, record, place)
-        options = replace(options, condition_weight=chosen["condition_weight"])
+    if is_open(method, options):
+        chosen = _chosen(method, training, options, record, place)
+        options = replace(options, **{chosen["option"]: chosen["value"]})
     policy, about = _stored(place / f"{name}.safetensors", record)
     if policy is None:
         say(f"{name}: training")
@@ -182,20 +182,20 @@ def _cell(
     for sampler in samplers(policy):
         drawn = policy.with_sampler(sampler)
         found[sampler.name] = evaluate(drawn, data, episodes=protocol.episodes, progress=progress)
-    extra = {} if chosen is None else {"chosen_weight": chosen}
+    extra = {} if chosen is None else {"chosen": chosen}
     return {"method": method, "seed": seed, "training": about, "samplers": found, **extra}
 
 
-def _chosen_weight(
-    training: Episodes, options: Options, record: dict[str, Any], place: Path
+def _chosen(
+    method: str, training: Episodes, options: Options, record: dict[str, Any], place: Path
 ) -> dict[str, Any]:
-    """The weight for all seeds, computed once."""
-    file = place / "condition_weight.json"
+    """What the frontier chooses for all seeds of a method, computed once."""
+    file = place / f"{method}.chosen.json"
     if file.is_file():
         stored: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         if stored.pop("protocol") == record:
             return stored
-    chosen = choose_weight(seen_by(training, options), options)
+    chosen = choose(method, seen_by(training, options), options)
     write_json(file, {**chosen, "protocol": record})
     return chosen
 

@@ -132,9 +132,10 @@ def _compare(cells: list[Cell], method: str, sampler: str) -> dict[str, Any] | N
 
 def _training(cells: list[Cell]) -> dict[str, Any]:
     each = [cell["training"] for cell in cells]
-    chosen = next((cell["chosen_weight"] for cell in cells if "chosen_weight" in cell), None)
+    chosen = next((cell["chosen"] for cell in cells if "chosen" in cell), None)
     return {
         "seconds": [round(one["seconds"], 1) for one in each],
+        "cpu_seconds_of_last_run": [round(one["cpu_seconds_of_last_run"], 1) for one in each],
         "parameters": each[0]["parameters"],
-        **({} if chosen is None else {"chosen_weight": chosen}),
+        **({} if chosen is None else {"chosen": chosen}),
     }
