@@ -5,11 +5,12 @@ Importing this package registers the environments with gymnasium::
     import gymnasium
     import cotlearn.robots
 
-    env = gymnasium.make("cotlearn/PushT-v0")
+    env = gymnasium.make("cotlearn/PushT-v0")  # or "cotlearn/ArmRing-v0", "cotlearn/ArmAvoid-v0"
 """
 
 import gymnasium
 
+from cotlearn.robots.arm import task as arm
 from cotlearn.robots.push_t.task import MAX_STEPS
 
 gymnasium.register(
@@ -17,3 +18,11 @@ gymnasium.register(
     entry_point="cotlearn.robots.push_t.environment:PushT",
     max_episode_steps=MAX_STEPS,
 )
+
+for _kind in arm.KINDS:
+    gymnasium.register(
+        id=f"cotlearn/Arm{_kind.title()}-v0",
+        entry_point="cotlearn.robots.arm.environment:Arm",
+        max_episode_steps=arm.MAX_STEPS,
+        kwargs={"kind": _kind},
+    )

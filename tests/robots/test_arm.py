@@ -1,3 +1,5 @@
+import importlib
+import os
 import subprocess
 import sys
 
@@ -280,6 +282,25 @@ def test_without_mujoco_it_is_told_how_to_get_it(monkeypatch):
     with pytest.raises(ModuleNotFoundError, match="the arm needs MuJoCo; install it with: pip"):
         ArmWorlds([0], "ring")
     monkeypatch.undo()
+    models.mujoco.cache_clear()
+
+
+def test_physics_need_no_opengl(monkeypatch):
+    """Some versions cannot even be imported when the OpenGL that MUJOCO_GL names is missing."""
+    seen, real = [], importlib.import_module
+
+    def without_egl(name):
+        seen.append(os.environ["MUJOCO_GL"])
+        if seen[-1] == "egl":
+            raise ImportError("Cannot initialize a EGL device display")
+        return real(name)
+
+    models.mujoco.cache_clear()
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    monkeypatch.setattr(models.importlib, "import_module", without_egl)
+    assert models.mujoco().mj_step
+    assert seen == ["egl", "disable"]
+    assert os.environ["MUJOCO_GL"] == "egl"
     models.mujoco.cache_clear()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,11 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from cotlearn.robots.arm import menagerie
 from cotlearn.robots.arm.task import GOAL, pillars
 
 OLDEST, TOO_NEW = (3, 3), (5, 0)  #: versions of MuJoCo: from the first on, and below the second
+_NO_OPENGL = "disable"
 
 
 @functools.cache
@@ -26,7 +29,7 @@ def mujoco() -> Any:
         ImportError: its version is not one that the arm works with.
     """
     try:
-        module = importlib.import_module("mujoco")
+        module = _imported()
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
             "the arm needs MuJoCo; install it with: pip install 'cotlearn[course]'",
@@ -42,14 +45,38 @@ def mujoco() -> Any:
     return module
 
 
+def _imported() -> Any:
+    try:
+        return importlib.import_module("mujoco")
+    except ModuleNotFoundError:
+        raise
+    except (ImportError, AttributeError, RuntimeError):
+        # the OpenGL that MUJOCO_GL asks for is not there, and some versions import it at once
+        wanted = os.environ.get("MUJOCO_GL")
+        if wanted in (None, _NO_OPENGL):
+            raise
+        os.environ["MUJOCO_GL"] = _NO_OPENGL
+        try:
+            return importlib.import_module("mujoco")
+        finally:
+            os.environ["MUJOCO_GL"] = wanted
+
+
 @functools.cache
 def _text() -> str:
     return Path(__file__).with_name("arm.xml").read_text(encoding="utf-8")
 
 
-def scene(state: NDArray[np.float64]) -> ElementTree.Element:
-    """The MJCF of the arm with the pillars and the goal of a state (columns,)."""
+def scene(state: NDArray[np.float64], *, model: str = "capsules") -> ElementTree.Element:
+    """The MJCF of the arm with the pillars and the goal of a state (columns,).
+
+    Args:
+        state: see `task.columns`.
+        model: "capsules", or "menagerie" for the looks of the real arm.
+    """
     root = ElementTree.fromstring(_text())
+    if model == "menagerie":
+        menagerie.dress(root, menagerie.find())
     world = root.find("worldbody")
     assert world is not None
     for number, (x, y, radius, height) in enumerate(pillars(state).tolist(), start=1):

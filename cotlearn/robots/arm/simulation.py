@@ -59,18 +59,23 @@ class ArmWorlds:
         self._begin(np.array(starts), kind)
 
     @classmethod
-    def at(cls, states: ArrayLike, kind: str) -> ArmWorlds:
+    def at(cls, states: ArrayLike, kind: str, *, model: str = "capsules") -> ArmWorlds:
         """Worlds that begin in given states (n, columns).
+
+        Args:
+            states: (n, columns), see `task.columns`.
+            kind: "ring" or "avoid".
+            model: "capsules", or "menagerie" for pictures of the real arm.
 
         Raises:
             ValueError: the shape does not fit, or a start or goal cannot be: it is out of reach or
                 in a pillar.
         """
         worlds = cls.__new__(cls)
-        worlds._begin(np.asarray(states, dtype=np.float64), kind)
+        worlds._begin(np.asarray(states, dtype=np.float64), kind, model)
         return worlds
 
-    def _begin(self, states: Array, kind: str) -> None:
+    def _begin(self, states: Array, kind: str, model: str = "capsules") -> None:
         width = len(task.columns(kind))
         if states.ndim != 2 or states.shape[1] != width or len(states) == 0:
             raise ValueError(
@@ -83,7 +88,7 @@ class ArmWorlds:
         self.kind = kind
         self._states = states.copy()
         self._engine = mujoco()
-        self._models = [compiled(scene(state)) for state in states]
+        self._models = [compiled(scene(state, model=model)) for state in states]
         self._data = [self._engine.MjData(model) for model in self._models]
         self._site = self._models[0].site("tip").id
         self._lag = -self._models[0].actuator_biasprm[:, 2] / self._models[0].actuator_gainprm[:, 0]
@@ -210,6 +215,10 @@ class ArmWorlds:
             "unreachable": self._missed.astype(np.float64),
             "mode": mode.astype(np.float64),
         }
+
+    def model_and_data(self, index: int) -> tuple[Any, Any]:
+        """The `MjModel` and the `MjData` of one world, for pictures."""
+        return self._models[index], self._data[index]
 
     def touched(self) -> list[str]:
         """(n,), what was touched, "" for nothing."""

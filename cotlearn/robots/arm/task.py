@@ -40,6 +40,8 @@ TOOL = 0.26  #: from the flange to the tip
 LOW = np.array([0.15, -0.45, 0.0])
 HIGH = np.array([0.85, 0.45, 0.6])
 
+PICTURE = (960, 720)  #: largest width and height of a rendered picture, pixels
+
 #: From these an episode begins.
 RING_RADIUS = (0.15, 0.20)  #: of start and goal from the pillar
 RING_TURN = 0.5  #: the goal is opposite of the start, give or take this

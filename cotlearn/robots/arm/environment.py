@@ -1,0 +1,170 @@
+"""The gymnasium environments `cotlearn/ArmRing-v0` and `cotlearn/ArmAvoid-v0`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from cotlearn.robots.arm import task
+from cotlearn.robots.arm.kinematics import LOWER, UPPER
+from cotlearn.robots.arm.rendering import Painter
+from cotlearn.robots.arm.simulation import ArmWorlds, random_start
+from cotlearn.validation import check_choice, check_count
+
+ACTIONS = ("tip", "joints")
+MODELS = ("capsules", "menagerie")
+CAMERAS = ("front", "above")
+FAR = 2.0  #: metres; no part of a state is farther from the base
+
+
+class Arm(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
+    """Reach round pillars to a goal.
+
+    Observations: the state, float64, metres; `cotlearn.robots.arm.columns(kind)` names its
+    columns: tip, goal, then x, y, radius and height of each pillar.
+
+    Actions, float32: with "tip" where the tip shall be at the end of the control step, (3,),
+    metres; the tool points down. With "joints" the seven joint angles, (7,), radians.
+
+    An episode terminates when the arm touches a pillar, the table or itself, and otherwise after
+    40 control steps of a tenth of a second, when the arm has settled. The reward is 0 until then;
+    at the end it is 1 if the tip is within 2.5 cm of the goal, less than a half if it is not, and
+    0 if something was touched.
+
+    `info` has "success", "collision", "touched" (what, or ""), "goal_error" (metres),
+    "unreachable" (whether this action's target was out of reach: the arm went as near as it got),
+    and "mode", the number of the way round in `cotlearn.robots.arm.WAYS`, -1 without a success.
+
+    Args:
+        kind: "ring" or "avoid".
+        action_type: "tip" or "joints".
+        render_mode: "rgb_array" or None. No display is needed, and no OpenGL either: without it
+            the arm is drawn by matplotlib.
+        model: "capsules", or "menagerie" for the looks of the real arm (those online; see
+            `cotlearn.robots.arm.menagerie`). The physics are the same.
+        width: of a picture, pixels.
+        height: of a picture, pixels.
+        camera: "front" or "above".
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": round(1 / task.CONTROL_SECONDS)}  # noqa: RUF012
+
+    def __init__(
+        self,
+        kind: str = "ring",
+        *,
+        action_type: str = "tip",
+        render_mode: str | None = None,
+        model: str = "capsules",
+        width: int = 320,
+        height: int = 240,
+        camera: str = "front",
+    ) -> None:
+        self.kind = check_choice(kind, "kind", task.KINDS)
+        self.action_type = check_choice(action_type, "action_type", ACTIONS)
+        if render_mode is not None:
+            check_choice(render_mode, "render_mode", ("rgb_array",))
+        self.render_mode = render_mode
+        self.model = check_choice(model, "model", MODELS)
+        self.camera = check_choice(camera, "camera", CAMERAS)
+        self.size = check_count(width, "width"), check_count(height, "height")
+        if width > task.PICTURE[0] or height > task.PICTURE[1]:
+            raise ValueError(f"width and height must be at most {task.PICTURE}, got {self.size}")
+        columns = len(task.columns(kind))
+        self.observation_space = spaces.Box(-FAR, FAR, shape=(columns,), dtype=np.float64)
+        low, high = (task.LOW, task.HIGH) if action_type == "tip" else (LOWER, UPPER)
+        self._limits = low.astype(np.float32), high.astype(np.float32)
+        self.action_space = spaces.Box(*self._limits)
+        self._worlds: ArmWorlds | None = None
+        self._painter: Painter | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
+        """Starts an episode.
+
+        Args:
+            seed: makes the start repeatable.
+            options: {"state": (columns,)} starts there.
+
+        Raises:
+            ValueError: `options` holds anything else, or a start that cannot be.
+        """
+        super().reset(seed=seed)
+        if not options:
+            state = random_start(self.np_random, self.kind)
+        elif set(options) != {"state"}:
+            raise ValueError(f"options must be {{'state': ...}} or None, got {options!r}")
+        else:
+            state = np.asarray(options["state"], dtype=np.float64)
+        self._close_painter()  # the pillars have other places
+        self._worlds = ArmWorlds.at(state[None], self.kind, model=self.model)
+        return self._worlds.states[0], self._info()
+
+    def step(self, action: Any) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
+        """Leads the arm to `action` for a tenth of a second.
+
+        Raises:
+            TypeError: `action` is not made of real numbers.
+            ValueError: it has another shape than the action space, is not finite or lies outside.
+        """
+        worlds = self._running()
+        target = np.asarray(action)
+        if target.shape != self.action_space.shape:
+            raise ValueError(
+                f"action must have shape {self.action_space.shape}, got {target.shape}"
+            )
+        if target.dtype.kind not in "fiu":
+            raise TypeError(f"action must be real numbers, got {target.dtype}")
+        if not np.isfinite(target).all():
+            raise ValueError(f"action must be finite, got {target.tolist()}")
+        low, high = self._limits
+        if (target.astype(np.float32) < low).any() or (target.astype(np.float32) > high).any():
+            raise ValueError(
+                f"action must lie between {low.round(4).tolist()} and {high.round(4).tolist()}, "
+                f"got {target.tolist()}; clip it if that is what you mean"
+            )
+        (worlds.step if self.action_type == "tip" else worlds.step_joints)(target[None])
+        over = bool(worlds.done[0])
+        return worlds.states[0], float(worlds.score[0]), over, False, self._info()
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture (height, width, 3); None without a mode."""
+        if self.render_mode is None:
+            return None
+        worlds = self._running()
+        model, data = worlds.model_and_data(0)
+        if self._painter is None:
+            width, height = self.size
+            self._painter = Painter(model, width=width, height=height, camera=self.camera)
+        return self._painter.paint(data, worlds.states[0])
+
+    def close(self) -> None:
+        """Frees what rendering holds; may be called twice."""
+        self._close_painter()
+
+    def _close_painter(self) -> None:
+        if self._painter is not None:
+            self._painter.close()
+            self._painter = None
+
+    def _running(self) -> ArmWorlds:
+        if self._worlds is None:
+            raise gymnasium.error.ResetNeeded("call reset() before step() or render()")
+        return self._worlds
+
+    def _info(self) -> dict[str, Any]:
+        worlds = self._running()
+        outcomes = worlds.outcomes()
+        return {
+            "success": bool(outcomes["success"][0]),
+            "collision": bool(outcomes["collision"][0]),
+            "touched": worlds.touched()[0],
+            "goal_error": float(outcomes["goal_error"][0]),
+            "unreachable": bool(worlds.unreachable[0]),
+            "mode": int(outcomes["mode"][0]),
+        }

@@ -1,0 +1,153 @@
+"""Pictures of the arm: by OpenGL without a display, or else drawn by matplotlib.
+
+The ways are tried in the order EGL, OSMesa, matplotlib (on a Mac CGL, on Windows GLFW, then
+matplotlib). The environment variable MUJOCO_GL chooses one of them; "disable" means matplotlib.
+A driver can end the process that tries it, and a process can use only one of them, so each is
+tried in a process of its own, once.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import os
+import platform
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cotlearn.robots.arm.model import mujoco
+
+Image = NDArray[np.uint8]
+
+BACKENDS = {"Linux": ("egl", "osmesa"), "Darwin": ("cgl",), "Windows": ("glfw",)}
+DRAWN = "matplotlib"
+_TRIAL = """
+import importlib, sys, mujoco
+context = importlib.import_module("mujoco." + sys.argv[1]).GLContext(64, 64)
+context.make_current()
+model = mujoco.MjModel.from_xml_string("<mujoco/>")
+mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+"""
+_SECONDS = 60  #: after which a trial has failed
+
+
+def backend() -> str:
+    """How pictures are made here: "egl", "osmesa", "cgl", "glfw" or "matplotlib"."""
+    wanted = os.environ.get("MUJOCO_GL", "").strip().lower()
+    if wanted in ("disable", "disabled", "off", "false", "0"):
+        return DRAWN
+    usual = BACKENDS.get(platform.system(), ())
+    choice = (wanted,) if wanted in ("egl", "osmesa", "glfw", "cgl") else usual
+    return next((name for name in choice if _works(name)), DRAWN)
+
+
+@functools.cache
+def _works(name: str) -> bool:
+    environment = {key: value for key, value in os.environ.items() if key != "PYOPENGL_PLATFORM"}
+    try:
+        trial = subprocess.run(
+            [sys.executable, "-c", _TRIAL, name],
+            env={**environment, "MUJOCO_GL": name},
+            capture_output=True,
+            timeout=_SECONDS,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return trial.returncode == 0
+
+
+class Painter:
+    """Makes pictures of worlds that differ in their state only.
+
+    Args:
+        model: an `MjModel` of the arm.
+        width: of the pictures, pixels.
+        height: of the pictures, pixels.
+        camera: of the model, "front" or "above".
+        how: as in `backend`, which decides if None.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        *,
+        width: int = 320,
+        height: int = 240,
+        camera: str = "front",
+        how: str | None = None,
+    ) -> None:
+        self.how = how or backend()
+        self._model, self._size, self._camera = model, (width, height), camera
+        self._context: Any = None
+        if self.how != DRAWN:
+            try:
+                self._open()
+            except (ImportError, RuntimeError, AttributeError):
+                self.close()  # this process uses another kind of OpenGL already
+                self.how = DRAWN
+
+    def _open(self) -> None:
+        engine, (width, height) = mujoco(), self._size
+        self._context = importlib.import_module(f"mujoco.{self.how}").GLContext(width, height)
+        self._context.make_current()
+        scale = engine.mjtFontScale.mjFONTSCALE_100.value
+        self._picture = engine.MjrContext(self._model, scale)
+        engine.mjr_setBuffer(engine.mjtFramebuffer.mjFB_OFFSCREEN.value, self._picture)
+        self._scene = engine.MjvScene(self._model, maxgeom=400)
+        self._scene.flags[engine.mjtRndFlag.mjRND_REFLECTION] = 0
+        self._scene.flags[engine.mjtRndFlag.mjRND_SHADOW] = 0
+        self._view, self._options = engine.MjvCamera(), engine.MjvOption()
+        self._view.type = engine.mjtCamera.mjCAMERA_FIXED
+        self._view.fixedcamid = self._model.camera(self._camera).id
+
+    def paint(self, data: Any, state: NDArray[np.float64]) -> Image:
+        """A picture (height, width, 3) of an `MjData`; `state` (columns,) is what it shows."""
+        if self._context is None:
+            return self._draw(data, state)
+        engine, (width, height) = mujoco(), self._size
+        self._context.make_current()
+        category = engine.mjtCatBit.mjCAT_ALL.value
+        engine.mjv_updateScene(
+            self._model, data, self._options, None, self._view, category, self._scene
+        )
+        area = engine.MjrRect(0, 0, width, height)
+        engine.mjr_render(area, self._scene, self._picture)
+        image = np.empty((height, width, 3), dtype=np.uint8)
+        engine.mjr_readPixels(image, None, area, self._picture)
+        return np.ascontiguousarray(image[::-1])
+
+    def _draw(self, data: Any, state: NDArray[np.float64]) -> Image:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        from cotlearn.plots.arm import arm_pose
+
+        width, height = self._size
+        figure = Figure(figsize=(width / 100, height / 100), dpi=100)
+        canvas = FigureCanvasAgg(figure)
+        ax = figure.add_axes((0, 0, 1, 1), projection="3d")
+        arm_pose(
+            positions(self._model, data), state, ax=ax, bare=True, above=self._camera == "above"
+        )
+        canvas.draw()
+        return np.array(canvas.buffer_rgba())[..., :3].copy()
+
+    def close(self) -> None:
+        """Frees what the graphics library holds; may be called twice."""
+        if self._context is not None:
+            if hasattr(self, "_picture"):
+                self._picture.free()
+            self._context.free()
+            self._context = None
+
+
+def positions(model: Any, data: Any) -> NDArray[np.float64]:
+    """(10, 3), where the base, the joints and the flange are, and the tip of the tool."""
+    names = [f"link{number}" for number in range(8)]
+    bodies = [data.xpos[model.body(name).id] for name in [*names, "tool"]]
+    return np.array([*bodies, data.site_xpos[model.site("tip").id]])

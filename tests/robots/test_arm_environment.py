@@ -1,0 +1,325 @@
+import os
+import subprocess
+import sys
+import warnings
+from xml.etree import ElementTree
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from cotlearn.robots.arm import MAX_STEPS, ArmWorlds, random_start, rendering, solve
+from cotlearn.robots.arm import menagerie as real
+from cotlearn.robots.arm.environment import Arm
+from cotlearn.robots.arm.model import compiled, scene
+from cotlearn.robots.arm.task import GOAL, KINDS, TIP
+
+IDS = {kind: f"cotlearn/Arm{kind.title()}-v0" for kind in KINDS}
+
+
+def targets(state, lift=0.2):
+    t = np.arange(1, MAX_STEPS + 1)[:, None] / MAX_STEPS
+    share = 10 * t**3 - 15 * t**4 + 6 * t**5
+    path = state[TIP] + share * (state[GOAL] - state[TIP])
+    path[:, 2:] += lift * np.sin(np.pi * share)
+    return path
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("action_type", ["tip", "joints"])
+def test_gymnasium_accepts_it(kind, action_type):
+    env = gymnasium.make(IDS[kind], action_type=action_type).unwrapped
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*(symmetric and normalized|render_mode).*")
+        check_env(env, skip_render_check=True)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_seed_gives_the_start_of_the_worlds(kind):
+    env = gymnasium.make(IDS[kind])
+    state, info = env.reset(seed=7)
+    assert np.array_equal(state, ArmWorlds([7], kind).states[0])
+    assert info == {
+        "success": False,
+        "collision": False,
+        "touched": "",
+        "goal_error": info["goal_error"],
+        "unreachable": False,
+        "mode": -1,
+    }
+    again, _ = env.reset()
+    assert not np.array_equal(again, state)
+
+
+def test_an_episode_over_the_pillar_and_one_through_it():
+    env = gymnasium.make(IDS["ring"])
+    state, _ = env.reset(seed=1)
+    rewards = []
+    for number, target in enumerate(targets(state), start=1):
+        state, reward, terminated, truncated, info = env.step(target)
+        rewards.append(reward)
+        assert terminated == (number == MAX_STEPS)
+    assert truncated
+    assert rewards == [0.0] * (MAX_STEPS - 1) + [1.0]
+    assert info["success"]
+    assert info["mode"] == 2
+
+    state, _ = env.reset(seed=1)
+    for target in targets(state, lift=0.0):
+        state, reward, terminated, _, info = env.step(target)
+        if terminated:
+            break
+    assert info["collision"]
+    assert info["touched"] == "pillar1"
+    assert reward == 0.0
+    assert not info["success"]
+
+
+def test_many_at_once():
+    env = gymnasium.make_vec(IDS["avoid"], num_envs=3, vectorization_mode="sync")
+    states, _ = env.reset(seed=5)
+    assert np.array_equal(states, ArmWorlds([5, 6, 7], "avoid").states)
+    states, rewards, *_, info = env.step(states[:, TIP].astype(np.float32))
+    assert states.shape == (3, 26)
+    assert rewards.shape == info["goal_error"].shape == (3,)
+    env.close()
+
+
+def test_joint_targets_lead_to_the_same_place():
+    env = Arm("ring", action_type="joints")
+    state, _ = env.reset(seed=0)
+    place = state[TIP] + [0, 0, 0.03]
+    for _ in range(4):
+        state, *_, info = env.step(solve(place[None]).joints[0])
+    assert np.abs(state[TIP] - place).max() < 1e-3
+    assert not info["unreachable"]
+
+
+def test_an_action_out_of_reach_is_told():
+    env = Arm("ring")
+    env.reset(seed=0)
+    *_, info = env.step(np.array([0.85, 0.45, 0.6]))
+    assert info["unreachable"]
+
+
+def test_bad_actions():
+    env = Arm("ring")
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(3))
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"action must be finite, got \[nan, 0.0, 0.0\]"):
+        env.step(np.array([np.nan, 0, 0]))
+    with pytest.raises(ValueError, match=r"action must lie between .* got \[5.0, 0.0, 0.1\]; clip"):
+        env.step(np.array([5.0, 0.0, 0.1]))
+    with pytest.raises(ValueError, match=r"action must have shape \(3,\), got \(2,\)"):
+        env.step(np.zeros(2))
+    with pytest.raises(TypeError, match="action must be real numbers"):
+        env.step(np.array(["a", "b", "c"]))
+
+
+def test_starting_elsewhere():
+    env = Arm("ring")
+    state = random_start(np.random.default_rng(3), "ring")
+    found, _ = env.reset(options={"state": state})
+    assert np.abs(found - state).max() < 1.1e-4
+    state[TIP] = [*state[6:8], 0.05]
+    with pytest.raises(ValueError, match="is in pillar1"):
+        env.reset(options={"state": state})
+    with pytest.raises(ValueError, match=r"options must be \{'state': ...\} or None"):
+        env.reset(options={"start": state})
+    with pytest.raises(ValueError, match="states must have shape"):
+        env.reset(options={"state": state[:4]})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"kind": "rings"}, "kind must be"),
+        ({"action_type": "torque"}, "action_type must be"),
+        ({"render_mode": "human"}, "render_mode must be"),
+        ({"model": "real"}, "model must be"),
+        ({"camera": "side"}, "camera must be"),
+        ({"width": 2000}, r"width and height must be at most \(960, 720\), got \(2000, 240\)"),
+        ({"height": 0}, "height must be at least 1"),
+    ],
+)
+def test_bad_arguments(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Arm(**arguments)
+
+
+# --- pictures ---------------------------------------------------------------------------------
+
+
+def colours(image):
+    """Shares of the picture that are orange (pillars) and green (goal)."""
+    r, g, b = (image[..., k].astype(int) for k in range(3))
+    return ((r > g + 50) & (g > b + 20)).mean(), ((g > r + 30) & (g > b + 20)).mean()
+
+
+def check_pictures(how):
+    for camera in ("front", "above"):
+        env = Arm("avoid", render_mode="rgb_array", width=200, height=150, camera=camera)
+        for seed in (0, 1):
+            state, _ = env.reset(seed=seed)
+            image = env.render()
+            env.step(state[TIP] + [0, 0.05, 0.05])
+            assert (env.render() != image).any()
+        assert env._painter.how == how
+        env.close()
+        env.close()
+        assert image.shape == (150, 200, 3)
+        assert image.dtype == np.uint8
+        orange, green = colours(image)
+        assert 0.001 < orange < 0.1
+        assert 0.0002 < green < 0.02
+
+
+def test_pictures():
+    """By OpenGL where that works on this machine, else drawn."""
+    check_pictures(rendering.backend())
+
+
+def test_pictures_of_the_second_choice():
+    """In a process of its own, because a process can use only one kind of OpenGL."""
+    if not (rendering._works("egl") and rendering._works("osmesa")):
+        pytest.skip("EGL and OSMesa do not both work on this machine")
+    code = (
+        f"import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\n"
+        "from test_arm_environment import check_pictures; check_pictures('osmesa')"
+    )
+    environment = {**os.environ, "MUJOCO_GL": "osmesa"}
+    environment.pop("PYOPENGL_PLATFORM", None)  # of this process
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True, timeout=120)
+
+
+def test_without_any_opengl_it_is_drawn(monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr(rendering, "_works", lambda name: False)
+    assert rendering.backend() == "matplotlib"
+    check_pictures("matplotlib")
+
+
+def test_the_environment_variable_decides(monkeypatch):
+    tried = []
+    monkeypatch.setattr(rendering, "_works", lambda name: tried.append(name) or name == "osmesa")
+    monkeypatch.setattr("platform.system", lambda: "Linux")
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    assert rendering.backend() == "osmesa"
+    assert tried == ["egl", "osmesa"]
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    assert rendering.backend() == "matplotlib"
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    tried.clear()
+    assert rendering.backend() == "matplotlib"
+    assert tried == []
+
+
+def test_a_trial_that_fails_is_no_way(monkeypatch):
+    rendering._works.cache_clear()
+    assert not rendering._works("nothing")
+    monkeypatch.setattr(rendering, "_SECONDS", 0.0)
+    assert not rendering._works("never")
+    rendering._works.cache_clear()
+
+
+def test_an_opengl_that_cannot_be_opened_in_this_process_is_replaced(monkeypatch):
+    def fail(self):
+        raise ImportError("another OpenGL is in use")
+
+    monkeypatch.setattr(rendering.Painter, "_open", fail)
+    worlds = ArmWorlds([0], "ring")
+    model, data = worlds.model_and_data(0)
+    painter = rendering.Painter(model, width=100, height=80, how="egl")
+    assert painter.how == "matplotlib"
+    assert painter.paint(data, worlds.states[0]).shape == (80, 100, 3)
+    painter.close()
+
+
+def test_no_picture_without_a_mode():
+    env = Arm("ring")
+    env.reset(seed=0)
+    assert env.render() is None
+
+
+# --- Menagerie --------------------------------------------------------------------------------
+
+CUBE = "\n".join(
+    [f"v {x} {y} {z}" for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1)]
+    + ["f 1 2 4", "f 1 4 3", "f 5 7 8", "f 5 8 6", "f 1 5 6", "f 1 6 2"]
+    + ["f 3 4 8", "f 3 8 7", "f 1 3 7", "f 1 7 5", "f 2 6 8", "f 2 8 4"]
+)
+
+
+@pytest.fixture
+def copy(tmp_path, monkeypatch):
+    """A folder built like Menagerie's Panda, with a cube for every link but the fifth."""
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "assets" / "cube.obj").write_text(CUBE)
+    root = ElementTree.fromstring(
+        '<mujoco><compiler meshdir="assets"/><default><default class="panda">'
+        '<default class="visual"/></default></default>'
+        '<asset><material class="panda" name="white" rgba="1 1 1 1"/><mesh file="cube.obj"/>'
+        '<mesh name="unused" file="missing.stl"/></asset><worldbody/></mujoco>'
+    )
+    parent = root.find("worldbody")
+    for number in range(8):
+        parent = ElementTree.SubElement(parent, "body", name=f"link{number}")
+        if number != 5:
+            ElementTree.SubElement(
+                parent, "geom", {"class": "visual"}, mesh="cube", material="white"
+            )
+        ElementTree.SubElement(parent, "geom", {"class": "collision"}, mesh="unused")
+    ElementTree.ElementTree(root).write(tmp_path / "panda_nohand.xml")
+    monkeypatch.setenv(real.FOLDER, str(tmp_path))
+    return tmp_path
+
+
+def test_meshes_change_the_looks_and_nothing_else(copy):
+    state = random_start(np.random.default_rng(0), "ring")
+    plain, dressed = compiled(scene(state)), compiled(scene(state, model="menagerie"))
+    assert dressed.nmesh == 1
+    assert dressed.ngeom == plain.ngeom + 7
+    assert np.allclose(dressed.body_mass, plain.body_mass)
+    assert np.allclose(dressed.body_inertia, plain.body_inertia)
+    meshes = dressed.geom_type == 7
+    assert meshes.sum() == 7
+    assert (dressed.geom_contype[meshes] == 0).all()
+    assert dressed.geom("forearm").group == 0
+    assert dressed.geom("hand").group == 3
+    assert dressed.geom("rod").group == 0
+    both = [Arm("ring", model=model) for model in ("capsules", "menagerie")]
+    for env in both:
+        env.reset(seed=2)
+    one, other = (env.step(np.array([0.5, 0.2, 0.2]))[0] for env in both)
+    assert np.array_equal(one, other)
+
+
+def test_what_is_no_menagerie_is_told(copy, monkeypatch):
+    text = (copy / "panda_nohand.xml").read_text()
+    (copy / "panda_nohand.xml").write_text(text.replace("link4", "part4"))
+    with pytest.raises(ValueError, match="has no body link4"):
+        Arm("ring", model="menagerie").reset(seed=0)
+    (copy / "panda_nohand.xml").write_text("<mujoco/>")
+    with pytest.raises(ValueError, match="has no meshes"):
+        Arm("ring", model="menagerie").reset(seed=0)
+    (copy / "panda_nohand.xml").unlink()
+    with pytest.raises(FileNotFoundError, match=r"holds no panda_nohand.xml"):
+        Arm("ring", model="menagerie").reset(seed=0)
+    monkeypatch.delenv(real.FOLDER)
+    monkeypatch.setitem(sys.modules, "robot_descriptions.panda_mj_description", None)
+    with pytest.raises(ModuleNotFoundError, match="model='menagerie' needs the meshes"):
+        Arm("ring", model="menagerie").reset(seed=0)
+
+
+def test_the_real_meshes():
+    """Only where they are already: nothing is fetched for a test."""
+    cache = os.path.expanduser("~/.cache/robot_descriptions/mujoco_menagerie/franka_emika_panda")
+    folder = os.environ.get(real.FOLDER, cache)
+    if not os.path.isfile(os.path.join(folder, "panda_nohand.xml")):
+        pytest.skip("MuJoCo Menagerie's meshes are not on this machine")
+    root = scene(random_start(np.random.default_rng(0), "ring"))
+    real.dress(root, real.Path(folder))
+    assert compiled(root).nmesh > 10
