@@ -303,7 +303,7 @@ def docs(python: Path, extra: list[str]) -> int:
     """Builds the site and checks its words, links and figures."""
     if extra:
         raise Problem(f"docs takes no more words, got: {' '.join(extra)}")
-    return call([str(python), str(ROOT / "docs" / "build.py")], **tools_first())
+    return call([str(python), str(ROOT / "docs" / "make.py")], **tools_first())
 
 
 def slides(python: Path, extra: list[str]) -> int:

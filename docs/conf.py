@@ -1,4 +1,4 @@
-"""How Sphinx makes the site; `make docs` calls it through docs/build.py.
+"""How Sphinx makes the site; `make docs` calls it through docs/make.py.
 
 The source folder is the root of the checkout, so that a link between a page and a notebook is the
 same file path on the site, in JupyterLab and on a code host.

@@ -25,10 +25,7 @@ NOT_IN = (nodes.reference, nodes.literal, nodes.math, nodes.title, addnodes.pend
 
 @cache
 def terms(path: Path) -> dict[str, str]:
-    """Return the terms of the glossary as text -> the entry that it links to.
-
-    A term in brackets, as "(squared W2)", is never looked for in a text.
-    """
+    """Return the terms of the glossary, in small letters -> as they stand there."""
     block = path.read_text("utf-8").split("{glossary}\n", 1)[1].split("\n:::", 1)[0]
     found = [line for line in block.splitlines() if line and not line[0].isspace()]
     return {term.lower(): term for term in found}
@@ -36,9 +33,13 @@ def terms(path: Path) -> dict[str, str]:
 
 @cache
 def pattern(path: Path) -> re.Pattern[str]:
-    """Return the pattern of all terms, the longest first, also in the plural."""
-    longest = sorted(terms(path), key=len, reverse=True)
-    return re.compile(rf"(?<![\w-])({'|'.join(map(re.escape, longest))})s?(?![\w-])", re.IGNORECASE)
+    """Return the pattern of all terms, the longest first, also in the plural.
+
+    Abbreviations are looked for as they stand: MAC is no Mac.
+    """
+    longest = sorted(terms(path).values(), key=len, reverse=True)
+    words = [re.escape(t) if t.isupper() else f"(?i:{re.escape(t)})" for t in longest]
+    return re.compile(rf"(?<![\w-])({'|'.join(words)})s?(?![\w-])")
 
 
 @cache

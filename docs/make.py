@@ -1,6 +1,6 @@
 """Builds the site and checks it: what `make docs` runs.
 
-    python docs/build.py            # into build/site
+    python docs/make.py            # into build/site
 
 It checks the spelling of all prose, builds with every warning an error, and reads the pages that
 came out: links inside the site, texts of figures, and that nothing is loaded from elsewhere. It
@@ -53,10 +53,9 @@ def misspelled(folder: Path) -> list[str]:
 
 def build(site: Path) -> int:
     """Run Sphinx; warnings are errors. Return its exit status."""
-    from sphinx.cmd.build import main
-
-    options = ["-q", "-W", "--keep-going", "-c", str(DOCS), "-d", str(site.parent / "doctrees")]
-    return main([*options, str(ROOT), str(site)])
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-c", str(DOCS)]
+    command += ["-d", str(site.parent / "doctrees"), str(ROOT), str(site)]
+    return subprocess.run(command, check=False).returncode
 
 
 class Page(HTMLParser):
