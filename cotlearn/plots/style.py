@@ -22,6 +22,7 @@ COLORS: dict[str, str] = {
     "conditional_ot": "#009E73",
     "adaptive": "#CC79A7",
     "stratified": "#56B4E9",
+    "residual": "#117733",
     "semidiscrete": "#E69F00",
     "aligned": "#882255",
     "reflow": "#999999",
@@ -35,6 +36,7 @@ MARKERS: dict[str, str] = {
     "conditional_ot": "^",
     "adaptive": "D",
     "stratified": "v",
+    "residual": "d",
     "semidiscrete": "P",
     "aligned": "X",
     "reflow": "*",
@@ -48,6 +50,7 @@ LINESTYLES: dict[str, Any] = {
     "conditional_ot": "-",
     "adaptive": (0, (5, 1)),
     "stratified": (0, (3, 1, 1, 1)),
+    "residual": (0, (7, 1, 2, 1)),
     "semidiscrete": (0, (1, 1)),
     "aligned": (0, (3, 1, 1, 1, 1, 1)),
     "reflow": (0, (5, 4)),
@@ -61,6 +64,7 @@ LABELS: dict[str, str] = {
     "conditional_ot": "conditional OT (COT)",
     "adaptive": "adaptive COT",
     "stratified": "stratified COT",
+    "residual": "stratified COT, residuals",
     "semidiscrete": "semidiscrete COT",
     "aligned": "model-aligned",
     "reflow": "reflow",
@@ -86,8 +90,8 @@ SOURCE_COLOR = "#222222"
 PATH_COLOR = "#8c8c8c"
 
 # Names that are in none of the tables above take the next free look, and keep it.
-SPARE_COLORS: tuple[str, ...] = ("#444444", "#6699CC", "#999933", "#AA4499", "#661100", "#117733")
-SPARE_MARKERS: tuple[str, ...] = ("h", "<", ">", "p", "d", "8", "H")
+SPARE_COLORS: tuple[str, ...] = ("#444444", "#6699CC", "#999933", "#AA4499", "#661100", "#44AA99")
+SPARE_MARKERS: tuple[str, ...] = ("<", ">", "8", "H", "1", "2", "3")
 SPARE_LINESTYLES: tuple[Any, ...] = ("-", (0, (7, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)), (0, (1, 3)))
 _SPARE_LOOKS: dict[str, int] = {}
 
