@@ -13,6 +13,7 @@ METHOD_NAMES = {
     "conditional_ot",
     "adaptive",
     "stratified",
+    "residual",
     "semidiscrete",
     "aligned",
     "reflow",
