@@ -83,7 +83,8 @@ def minimum_jerk(points: ArrayLike, times: ArrayLike, at: ArrayLike) -> Array:
     points, times, at = (np.asarray(value, dtype=np.float64) for value in (points, times, at))
     if points.ndim != 2 or times.shape != points.shape[:1] or len(points) < 2:
         raise ValueError(
-            f"points {points.shape} and times {times.shape} must be (k + 2, d), (k + 2,)"
+            f"points and times must have shapes (k + 2, d) and (k + 2,), got {points.shape} and "
+            f"{times.shape}"
         )
     if (np.diff(times) <= 0).any():
         raise ValueError(f"times must rise, got {times.tolist()}")
