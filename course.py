@@ -7,6 +7,7 @@ Usage, on Windows too::
     python course.py course     execute the notebooks in order, leave pages in build/course
     python course.py docs       build the site in build/site and check it
     python course.py slides     make slides from the notebooks in build/slides
+    python course.py homework   make student and autograder versions of the homework, and try them
     python course.py setup      only set up
 
 It needs Python 3.11 to 3.13 and its standard library. Everything it writes stays in this folder:
@@ -311,6 +312,27 @@ def slides(python: Path, extra: list[str]) -> int:
     return call([str(python), str(ROOT / "docs" / "slides.py"), *extra], **tools_first())
 
 
+def homework(python: Path, extra: list[str]) -> int:
+    """Makes all versions of the homework and tries solutions, stubs and typical wrong answers.
+
+    Raises:
+        Problem: If otter-grader cannot be installed.
+    """
+    if not can_run(python, "import sys, importlib.util as u; sys.exit(not u.find_spec('otter'))"):
+        say("Installing otter-grader, about 100 MB (once) ...")
+        command = [str(python), "-m", "pip", "install", "--editable", ".[instructor]", "--quiet"]
+        command += ["--constraint", "constraints.txt", "--disable-pip-version-check"]
+        if call(command) != 0:
+            raise Problem("otter-grader could not be installed; the lines above say why.")
+    code = call([str(python), "-m", "cotlearn", "homework", *extra], **tools_first())
+    if code != 0:
+        return code
+    tests = [
+        str(ROOT / "tests" / "homework" / f"test_{name}.py") for name in ("mistakes", "masters")
+    ]
+    return call([str(python), "-m", "pytest", "-q", *tests], **tools_first())
+
+
 def tools_first() -> dict[str, str]:
     """Returns a PATH on which the environment's commands come first, for `!pip` in a notebook."""
     return {"PATH": str(venv_python().parent) + os.pathsep + os.environ.get("PATH", "")}
@@ -476,6 +498,7 @@ COMMANDS = {
     "course": course,
     "docs": docs,
     "slides": slides,
+    "homework": homework,
     "setup": None,
 }
 
