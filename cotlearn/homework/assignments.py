@@ -17,7 +17,7 @@ from cotlearn import assets
 from cotlearn.homework.submissions import read_notebook
 
 _MARK = re.compile(r"#\s*(BEGIN|END) (QUESTION|TESTS|SOLUTION)")
-_CONFIG = re.compile(r'""" # BEGIN TEST CONFIG\n(.*?)""" # END TEST CONFIG\n', re.DOTALL)
+_CONFIG = re.compile(r'""" +# BEGIN TEST CONFIG\n(.*?)""" +# END TEST CONFIG\n', re.DOTALL)
 _MESSAGE = re.compile(r"^failure_message: *(.*)$", re.MULTILINE)
 
 

@@ -126,7 +126,8 @@ def stamped(notebook: Any, master: Path) -> Any:
     for i, cell in enumerate(notebook.cells):
         cell["id"] = f"{name}-{i:02d}"
         tags = [tag for tag in cell.metadata.get("tags", []) if not tag.startswith("otter")]
-        cell.metadata = nbformat.from_dict({"tags": tags} if tags else {})
+        kept = {"alt": cell.metadata["alt"]} if "alt" in cell.metadata else {}
+        cell.metadata = nbformat.from_dict(kept | ({"tags": tags} if tags else {}))
         if "exercise" in tags:
             asked = next(q for answer, q in questions.items() if f"def {answer}(" in cell.source)
             cell.metadata["cotlearn"] = {"question": asked}

@@ -99,7 +99,7 @@ def euler(answer: Any, seed: int = 0) -> None:
             ),
             (_steps(x0, nfe, h, still=True), "look at the velocity where you are, not at x0"),
             (_steps(x0, nfe, h, by=0.0), "t moves on: step k starts at t = k / nfe"),
-            (_steps(x0, nfe, 1.0), "a step is x + h v with h = 1 / nfe: the h is missing"),
+            (_steps(x0, nfe, 1.0, by=h), "a step is x + h v with h = 1 / nfe: the h is missing"),
             (_steps(x0, nfe + 1, h), f"nfe={nfe} means {nfe} steps, you took {nfe + 1}"),
         ]
         if nfe > 1:

@@ -173,6 +173,8 @@ def choose_weight(answer: Any, seed: int = 0) -> None:
             weights, skew, variance = ([v[i] for i in order] for v in (weights, skew, variance))
         variance[weights.index(30.0)] = variance[weights.index(10.0)] - 0.01
         budget = 0.2 if case < 3 else -1.0
+        if budget < 0:
+            skew[weights.index(10.0)] = 0.0
         found = number(answer(list(weights), list(skew), list(variance), budget))
         rows = range(7)
         fits = [i for i in rows if skew[i] <= budget]
