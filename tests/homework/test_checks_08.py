@@ -1,0 +1,81 @@
+"""The mistakes that learners make in notebook 08 get a sentence that helps."""
+
+from __future__ import annotations
+
+import pytest
+
+from cotlearn.homework import Verdict, check
+
+
+def verdict(low, high, margin):
+    if low > -margin:
+        return "shown"
+    return "refuted" if high < -margin else "open"
+
+
+def choose(points):
+    clean = [p for p in points if not p.flagged]
+    if not clean:
+        return min(points, key=lambda p: p.skew).name
+    return min(clean, key=lambda p: p.one_step_variance).name
+
+
+def least_variance(points):
+    return min(points, key=lambda p: p.one_step_variance)
+
+
+def least_of_clean(points):
+    return least_variance([p for p in points if not p.flagged] or points).name
+
+
+WRONG = [
+    ("08.verdict", lambda low, high, m: verdict(low, high, 0), "compares with 0"),
+    ("08.verdict", lambda low, high, m: verdict(low, high, -m), "asks for a gain"),
+    (
+        "08.verdict",
+        lambda low, high, m: "open" if low < 0 < high else verdict(low, high, m),
+        "may contain 0",
+    ),
+    ("08.verdict", lambda low, high, m: verdict(high, low, m), "lower end"),
+    ("08.verdict", lambda low, high, m: verdict(*[(low + high) / 2] * 2, m), "the middle alone"),
+    ("08.verdict", lambda low, high, m: "shown" if low > -m else "refuted", "decides nothing"),
+    ("08.verdict", lambda low, high, m: "open", "expected 'shown', got 'open'"),
+    ("08.verdict", lambda low, high, m: low > -m, "one of the words"),
+    ("08.verdict", "shown", "expected a function"),
+    ("08.choose", lambda points: least_variance(points).name, "that point is flagged"),
+    ("08.choose", lambda points: least_variance(points), "the name of the point"),
+    ("08.choose", lambda points: min(points, key=lambda p: abs(p.skew)).name, "are chance"),
+    ("08.choose", lambda points: points[-1].name, "are chance"),
+    ("08.choose", lambda points: "none", "expected '64'"),
+    ("08.choose", least_of_clean, "take the least skewed, 'b'"),
+    ("08.choose", lambda points: min([], key=len), "raised ValueError"),
+    ("08.choose", 64, "expected a function"),
+]
+
+
+@pytest.mark.parametrize(("name", "answer", "hint"), WRONG)
+def test_a_mistake_gets_a_hint(name, answer, hint, capsys):
+    assert check(answer, name) is Verdict.NOT_YET
+    assert hint in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "answer"),
+    [
+        (
+            "08.verdict",
+            lambda low, high, m: ["open", "shown", "refuted"][(low + m > 0) - (high + m < 0)],
+        ),
+        ("08.verdict", verdict),
+        ("08.choose", lambda points: sorted(points, key=lambda p: _rank(p, points))[0].name),
+        ("08.choose", choose),
+    ],
+)
+def test_other_right_answers_count(name, answer):
+    assert check(answer, name) is Verdict.CORRECT
+
+
+def _rank(point, points):
+    if all(p.flagged for p in points):
+        return (0, point.skew)
+    return (point.flagged, point.one_step_variance)
