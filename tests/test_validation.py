@@ -41,6 +41,11 @@ def test_bad_matrices(value, error, message):
         check_matrix(value, "x0", columns=2)
 
 
+def test_large_finite_values_whose_sum_is_infinite_are_fine():
+    assert check_matrix(large := torch.full((3, 2), 3e38), "x0") is large
+    assert check_matrix(half := torch.full((3, 2), 6e4, dtype=torch.float16), "x0") is half
+
+
 def test_integer_and_bool_conditions_are_numbers():
     one_hot = torch.eye(3, dtype=torch.int64)
     assert torch.equal(check_condition(one_hot), torch.eye(3))

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-TEMPERATURE = np.float32(0.1)  #: of the first steps, in units of the cost's spread
+FAR = 8.0  #: deviations from the mean to the least cost, beyond which that way is the scale
+TEMPERATURE = np.float32(0.1)  #: of the first steps, in units of the costs' scale
 COOLING = 5  #: the second temperature is this much lower
 STEPS = 10  #: at each temperature
 RELAXATION = np.float32(1.4)  #: over-relaxation of the steps, in [1, 2) (Thibault 1711.01851)
@@ -22,16 +23,31 @@ ONE = np.float32(1)
 
 
 @njit(cache=True, nogil=True)
-def unshared(cost: Array, least: Array) -> int:
-    """How many columns are some row's cheapest, in cost_ij - least_j."""
-    taken = np.zeros(len(cost), np.bool_)
-    for i in range(len(cost)):
+def survey(cost: Array) -> tuple[Array, float, int]:
+    """What decides how to solve: least costs, their scale, and how many rows are easy.
+
+    Args:
+        cost: (B, B), finite.
+
+    Returns:
+        (B,), the smallest cost of each column; the standard deviation of the costs, or the way from
+        the mean to the least cost over `FAR` if that is more; how many columns are some row's
+        cheapest, in cost_ij - least_j.
+    """
+    n = len(cost)
+    least = cost[0].copy()
+    for i in range(1, n):
+        for j in range(n):
+            least[j] = min(least[j], cost[i, j])
+    some = cost[:: max(1, n // 32)]
+    taken = np.zeros(n, np.bool_)
+    for i in range(n):
         best = 0
-        for j in range(len(cost)):
+        for j in range(n):
             if cost[i, j] - least[j] < cost[i, best] - least[best]:
                 best = j
         taken[best] = True
-    return int(taken.sum())
+    return least, max(some.std(), (some.mean() - least.min()) / FAR), int(taken.sum())
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -41,7 +57,7 @@ def potentials(cost: Array, least: Array, spread: float) -> tuple[Array, Array]:
     Args:
         cost: (B, B), finite.
         least: (B,), the smallest cost of each column.
-        spread: standard deviation of the costs, above 0.
+        spread: scale of the costs, above 0.
 
     Returns:
         f and g, each (B,).

@@ -17,7 +17,7 @@ import ot
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from cotlearn.couplings.annealing import potentials, unshared
+from cotlearn.couplings.annealing import potentials, survey
 from cotlearn.couplings.augmenting import assign
 from cotlearn.validation import check_number
 
@@ -26,7 +26,6 @@ Index = NDArray[np.int64]
 
 SMALL_BATCH = 64  #: up to here SciPy is done before potentials would be
 EASY = 0.75  #: share of rows with a cheapest column of their own, above which SciPy is as fast
-FAR = 8.0  #: standard deviations from the mean to the least cost, beyond which that is the scale
 UNDERFLOW = 100.0  #: exp(-100) is a number, exp(-1000) is not: beyond this, logarithms
 
 
@@ -44,25 +43,11 @@ def exact_permutation(cost: Array) -> Index:
     """
     cost = _check_cost(cost)
     if len(cost) > SMALL_BATCH:
-        least = cost.min(axis=0)
-        some = cost[:: len(cost) // 32]
-        with np.errstate(over="ignore"):
-            spread = max(some.std(), (some.mean() - least.min()) / FAR)
-        # else beyond single precision, or easy
-        if 1e-30 < spread < 1e30 and unshared(cost, least) < EASY * len(cost):
-            rows, columns = potentials(cost, least, spread)
-            permutation: Index = assign(cost, rows, columns, _near(cost, rows, columns))
+        least, spread, easy = survey(cost)
+        if 1e-30 < spread < 1e30 and easy < EASY * len(cost):  # else beyond single precision
+            permutation: Index = assign(cost, *potentials(cost, least, spread))
             return permutation
     return linear_sum_assignment(cost)[1].astype(np.int64)
-
-
-def _near(cost: Array, rows: Array, columns: Array) -> float:
-    """The reduced cost that about 16 columns of a row do not exceed, more in large batches."""
-    size = len(cost)
-    some = slice(None, None, size // 16)
-    reduced = (cost[some] - rows[some, None] - columns).ravel()
-    rank = max(16, size // 32) * len(reduced) // size
-    return float(np.partition(reduced, rank)[rank])
 
 
 def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:

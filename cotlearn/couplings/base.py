@@ -14,10 +14,8 @@ from torch import Tensor
 
 from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
 
-MANY_DIMENSIONS = 32  #: from here on a matrix product is the faster way to distances
-LOST_DIGITS = (
-    1e-6  #: share of the largest |a|^2 + |b|^2 below which distances are computed directly
-)
+MANY_DIMENSIONS = 12  #: from here on a matrix product is the faster way to distances
+LOST_DIGITS = 1e-6  #: share of the largest |a|^2 + |b|^2 below which a product would lose digits
 
 
 @dataclass(frozen=True)
@@ -261,26 +259,30 @@ def squared_distances(first: Tensor, second: Tensor) -> NDArray[np.float64]:
 def array_distances(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """`squared_distances` of arrays.
 
-    In many dimensions by a matrix product, and again without it where rows are so near each other
-    that the product would lose digits; equal rows have distance 0 either way.
+    In many dimensions by one matrix product, of (-2a, |a|^2, 1) and (b, 1, |b|^2), and again
+    without it where rows are so near each other that the product would lose digits; equal rows
+    have distance 0 either way.
     """
     distances: NDArray[np.float64]
-    if a.shape[1] < MANY_DIMENSIONS:
-        distances = cdist(a, b, "sqeuclidean")
-        return distances
-    centre = b.mean(axis=0)
-    a, b = a - centre, b - centre
-    norms_a, norms_b = (a * a).sum(axis=1), (b * b).sum(axis=1)
-    distances = (-2 * a) @ b.T
-    distances += norms_a[:, None]
-    distances += norms_b
-    rows, columns = np.nonzero(distances < LOST_DIGITS * (norms_a.max() + norms_b.max()))
-    distances[rows, columns] = ((a[rows] - b[columns]) ** 2).sum(axis=1)
+    if a.shape[1] >= MANY_DIMENSIONS:
+        centre = b.mean(axis=0)
+        a, b = a - centre, b - centre
+        norms_a, norms_b = (a * a).sum(axis=1), (b * b).sum(axis=1)
+        left = np.column_stack([-2 * a, norms_a, np.ones(len(a))])
+        distances = left @ np.column_stack([b, np.ones(len(b)), norms_b]).T
+        near = LOST_DIGITS * (norms_a.max() + norms_b.max())
+        if distances.min() >= near:
+            return distances
+        rows, columns = np.nonzero(distances < near)
+        if len(rows) < distances.size // 100:
+            distances[rows, columns] = ((a[rows] - b[columns]) ** 2).sum(axis=1)
+            return distances
+    distances = cdist(a, b, "sqeuclidean")
     return distances
 
 
 def to_numpy(value: Tensor) -> NDArray[np.float64]:
-    """A float64 numpy copy on the CPU."""
+    """float64 on the CPU; shares memory with a value that is so already."""
     array: NDArray[np.float64] = value.detach().to("cpu", torch.float64).numpy()
     return array
 

@@ -326,6 +326,18 @@ def test_distances_and_noise():
     assert torch.equal(draw_noise(x1, None, seeded(1)), torch.randn(4, 2, generator=seeded(1)))
 
 
+@pytest.mark.parametrize("near", [0, 5, 60])
+@pytest.mark.parametrize("dim", [2, 12, 40])
+def test_rows_next_to_each_other_keep_their_digits(dim, near):
+    x0, x1, _ = batch(60, dim, dtype=torch.float64)
+    x0[:near] = x1[0] + 1e-7 * x0[:near]
+    x1[:near] = x1[0]
+    found = squared_distances(1e3 + x0, 1e3 + x1)
+    expected = ((1e3 + x0)[:, None] - (1e3 + x1)[None]).square().sum(dim=2)
+    assert np.allclose(found, expected, rtol=1e-9, atol=0)
+    assert (squared_distances(x1, x1)[:near, :near] == 0).all()
+
+
 def test_options_are_readable():
     assert repr(Independent()) == "Independent()"
     assert repr(MinibatchOT()) == (
