@@ -148,7 +148,7 @@ def _sha256_of(path: Path, size: int, changed: int) -> str:
 
 
 def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Copies the notebooks into `folder`, and never over a file that is already there.
+    """Copies notebooks and homework into `folder`, and never over a file that is already there.
 
     Args:
         folder: Where to; made if it does not exist.
@@ -163,7 +163,8 @@ def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
         raise ValueError(f"folder must be a directory, got the file {folder}")
     folder.mkdir(parents=True, exist_ok=True)
     copied, kept = [], []
-    for source in notebooks():
+    homework = sorted((course_folder() / "notebooks" / "homework" / "student").glob("*.ipynb"))
+    for source in [*notebooks(), *homework]:
         target = folder / source.name
         if target.exists():
             kept.append(target)

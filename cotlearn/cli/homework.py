@@ -112,8 +112,8 @@ def grade(
     """Grades a folder of notebooks with the hidden tests, and writes feedback for each student.
 
     Run it again after an interruption: what is done is kept. The limits on processes guard against
-    accidents and are no security sandbox; docs/teaching/grading.md shows how to grade a class that you
-    do not trust.
+    accidents and are no security sandbox; docs/teaching/grading.md shows how to grade a class that
+    you do not trust.
     """
     limits = _limits(seconds, gigabytes)
     from cotlearn.homework import grading
@@ -149,6 +149,9 @@ def homework(
         str | None,
         typer.Option(envvar="SECRET_SEED", help="Any words; makes hidden tests of your own."),
     ] = None,
+    requirements: Annotated[
+        Path | None, typer.Option(help="What pip installs in otter's container, a line each.")
+    ] = None,
     masters: _Masters = None,
 ) -> None:
     """Makes student and autograder versions of the homework with otter-grader, and tries them."""
@@ -159,9 +162,14 @@ def homework(
             out,
             masters=masters,
             secret_seed=secret_seed,
+            requirements=requirements,
             say=lambda text: console.print(escape(text)),
         )
     except ModuleNotFoundError as error:
+        if error.name == "otter-grader":
+            stop(
+                "otter-grader is not installed; install it with: pip install 'cotlearn[instructor]'"
+            )
         stop_missing(error.name)
     except ValueError as error:
         stop(str(error))

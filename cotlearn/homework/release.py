@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +21,7 @@ from typing import Any
 import cotlearn
 from cotlearn import assets
 from cotlearn.homework import assignments
-from cotlearn.homework.marking import Marked, mark
+from cotlearn.homework.marking import mark
 from cotlearn.homework.progress import write_atomically
 from cotlearn.homework.submissions import read_notebook
 
@@ -32,6 +34,7 @@ def make(
     *,
     masters: Path | None = None,
     secret_seed: str | None = None,
+    requirements: Path | None = None,
     say: Callable[[str], None] = print,
 ) -> None:
     """Makes all versions and checks that solutions pass and unchanged stubs fail.
@@ -45,6 +48,7 @@ def make(
         masters: The folder of the masters; those of the course if None.
         secret_seed: Any text; gives the hidden tests other numbers, which nobody can know without
             it. The student versions stay the same.
+        requirements: What pip must install in otter's container, cotlearn among it.
         say: Called with each line of the report.
 
     Raises:
@@ -61,7 +65,10 @@ def make(
         (out / name).mkdir(parents=True, exist_ok=True)
     for path in paths:
         master = out / "masters" / path.name
-        _write(master, seeded(read_notebook(path), path.stem, secret_seed))
+        notebook = seeded(read_notebook(path), path.stem, secret_seed)
+        if requirements is not None:
+            notebook.cells[0].source += f"\nrequirements: {requirements.resolve()}"
+        _write(master, notebook)
         student, solutions = _assign(master, out)
         _write(out / "student" / path.name, stamped(student, path))
         _try(path.stem, out, solutions, say)
@@ -108,7 +115,7 @@ def stamped(notebook: Any, master: Path) -> Any:
     import nbformat
 
     name, version = master.stem, cotlearn.__version__
-    notebook.metadata.pop("otter", None)
+    notebook.metadata["otter"] = {"assignment_name": name}
     notebook.metadata["cotlearn"] = {
         "assignment": name,
         "version": version,
@@ -145,22 +152,35 @@ def _assign(master: Path, out: Path) -> tuple[Any, Path]:
     """Runs otter; returns the student version and the path of that with solutions."""
     target = out / "autograder" / master.stem
     shutil.rmtree(target, ignore_errors=True)
-    command = [sys.executable, "-m", "otter", "assign", "--no-pdfs", str(master), str(target)]
-    done = subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        env={**os.environ, "COTLEARN_PROGRESS": "0", "MPLBACKEND": "agg"},
-        check=False,
-    )
-    if done.returncode != 0:
-        raise ValueError(f"otter failed on {master.name}:\n{(done.stderr or done.stdout)[-3000:]}")
+    _otter("assign", "--no-pdfs", master, target)
     student = read_notebook(target / "student" / master.name)
     shutil.rmtree(target / "student")
     for item in (target / "autograder").iterdir():
         shutil.move(item, target / item.name)
     (target / "autograder").rmdir()
     return student, target / master.name
+
+
+def _otter(*words: str | Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "otter", *map(str, words)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "COTLEARN_PROGRESS": "0", "MPLBACKEND": "agg"},
+        check=False,
+    )
+    if done.returncode != 0:
+        raise ValueError(f"otter {words[0]} failed:\n{(done.stderr or done.stdout)[-3000:]}")
+
+
+def _points_by_otter(name: str, out: Path) -> float:
+    """What otter gives the student version."""
+    file = next((out / "autograder" / name).glob("*.zip"))
+    with tempfile.TemporaryDirectory() as folder:
+        student = out / "student" / f"{name}.ipynb"
+        _otter("run", "-a", file, "-o", folder, "--no-logo", student)
+        results = json.loads((Path(folder) / "results.json").read_text(encoding="utf-8"))
+    return float(sum(test.get("score") or 0 for test in results["tests"]))
 
 
 def _try(name: str, out: Path, solutions: Path, say: Callable[[str], None]) -> None:
@@ -173,13 +193,14 @@ def _try(name: str, out: Path, solutions: Path, say: Callable[[str], None]) -> N
         for item in stubs.marks
         if item.verdict != "not attempted yet" or item.points
     ]
+    if by_otter := _points_by_otter(name, out):
+        wrong.append(f"otter gives the unchanged stubs {by_otter:g} points")
     if wrong or not right.out_of:
         raise ValueError(f"{name}: " + ("; ".join(wrong) or "no hidden test has points"))
-    say(f"{name}: {_summary(right)}; unchanged stubs: {_summary(stubs)}")
-
-
-def _summary(marked: Marked) -> str:
-    return f"solutions {marked.points:g} of {marked.out_of:g} points" if marked.points else "none"
+    say(
+        f"{name}: the solutions get {right.points:g} of {right.out_of:g} points, the unchanged "
+        f"stubs {stubs.points:g}, by otter and by cotlearn grade"
+    )
 
 
 def _write(path: Path, notebook: Any) -> None:
