@@ -58,10 +58,20 @@ def process(
     app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
 ) -> None:
     """Change the lines of one docstring in place."""
-    lines[:] = prepare(lines)
+    # napoleon takes what stands before a colon in an attribute's first line for its type
+    first = [""] if what in {"attribute", "data", "property"} else []
+    lines[:] = first + prepare(lines)
+
+
+def escape_types(
+    app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
+) -> None:
+    """Escape names like bool_ in the types that napoleon has written."""
+    lines[:] = [escape(line) if line.startswith(":vartype") else line for line in lines]
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Register the handler; it goes before napoleon's."""
+    """Register the handlers, one before napoleon's and one after it."""
     app.connect("autodoc-process-docstring", process, priority=100)
+    app.connect("autodoc-process-docstring", escape_types, priority=900)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
