@@ -261,11 +261,12 @@ CUBE = "\n".join(
 @pytest.fixture
 def copy(tmp_path, monkeypatch):
     """A folder built like Menagerie's Panda, with a cube for every link but the fifth."""
-    (tmp_path / "assets").mkdir()
-    (tmp_path / "assets" / "cube.obj").write_text(CUBE)
+    folder = tmp_path / "franka_emika_panda"
+    (folder / "assets").mkdir(parents=True)
+    (folder / "assets" / "cube.obj").write_text(CUBE)
     root = ElementTree.fromstring(
         '<mujoco><compiler meshdir="assets"/><default><default class="panda">'
-        '<default class="visual"/></default></default>'
+        '<default class="panda/visual"/></default></default>'
         '<asset><material class="panda" name="white" rgba="1 1 1 1"/><mesh file="cube.obj"/>'
         '<mesh name="unused" file="missing.stl"/></asset><worldbody/></mujoco>'
     )
@@ -274,12 +275,12 @@ def copy(tmp_path, monkeypatch):
         parent = ElementTree.SubElement(parent, "body", name=f"link{number}")
         if number != 5:
             ElementTree.SubElement(
-                parent, "geom", {"class": "visual"}, mesh="cube", material="white"
+                parent, "geom", {"class": "panda/visual"}, mesh="cube", material="white"
             )
-        ElementTree.SubElement(parent, "geom", {"class": "collision"}, mesh="unused")
-    ElementTree.ElementTree(root).write(tmp_path / "panda_nohand.xml")
-    monkeypatch.setenv(real.FOLDER, str(tmp_path))
-    return tmp_path
+        ElementTree.SubElement(parent, "geom", {"class": "panda/collision"}, mesh="unused")
+    ElementTree.ElementTree(root).write(folder / "panda_nohand.xml")
+    monkeypatch.setenv(real.ROOT, str(tmp_path))
+    return folder
 
 
 def test_meshes_change_the_looks_and_nothing_else(copy):
@@ -313,18 +314,42 @@ def test_what_is_no_menagerie_is_told(copy, monkeypatch):
     (copy / "panda_nohand.xml").unlink()
     with pytest.raises(FileNotFoundError, match=r"holds no panda_nohand.xml"):
         Arm("ring", model="menagerie").reset(seed=0)
-    monkeypatch.delenv(real.FOLDER)
-    monkeypatch.setitem(sys.modules, "robot_descriptions.panda_mj_description", None)
+    monkeypatch.delenv(real.ROOT)
+    for name in ("mujoco_menagerie", "robot_descriptions.panda_mj_description"):
+        monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(ModuleNotFoundError, match="model='menagerie' needs the meshes"):
         Arm("ring", model="menagerie").reset(seed=0)
 
 
+def test_it_is_fetched_by_a_package(copy, monkeypatch):
+    class Fetches:
+        def get(self, name):
+            assert name == "franka_emika_panda"
+            return self
+
+        def path(self):
+            if self.offline:
+                raise OSError("no route to host")
+            return copy
+
+    package = Fetches()
+    monkeypatch.delenv(real.ROOT)
+    monkeypatch.setitem(sys.modules, "mujoco_menagerie", package)
+    package.offline = False
+    assert real.find() == copy
+    package.offline = True
+    with pytest.raises(FileNotFoundError, match=r"cannot be fetched \(no route to host\): are you"):
+        real.find()
+    monkeypatch.setitem(sys.modules, "mujoco_menagerie", None)
+    described = type("Described", (), {"PACKAGE_PATH": str(copy)})
+    monkeypatch.setitem(sys.modules, "robot_descriptions.panda_mj_description", described)
+    assert real.find() == copy
+
+
 def test_the_real_meshes():
     """Only where they are already: nothing is fetched for a test."""
-    cache = os.path.expanduser("~/.cache/robot_descriptions/mujoco_menagerie/franka_emika_panda")
-    folder = os.environ.get(real.FOLDER, cache)
-    if not os.path.isfile(os.path.join(folder, "panda_nohand.xml")):
-        pytest.skip("MuJoCo Menagerie's meshes are not on this machine")
-    root = scene(random_start(np.random.default_rng(0), "ring"))
-    real.dress(root, real.Path(folder))
-    assert compiled(root).nmesh > 10
+    root = os.environ.get(real.ROOT)
+    if not root:
+        pytest.skip("MuJoCo Menagerie's meshes are not on this machine: MENAGERIE_ROOT is not set")
+    dressed = compiled(scene(random_start(np.random.default_rng(0), "ring"), model="menagerie"))
+    assert dressed.nmesh > 40

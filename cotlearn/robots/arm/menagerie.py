@@ -1,7 +1,8 @@
 """The looks of the real arm: MuJoCo Menagerie's meshes of the Franka Panda over our own physics.
 
 The meshes are not part of this package (Apache License 2.0, google-deepmind/mujoco_menagerie).
-They are taken from a folder, or fetched once by the package robot_descriptions for those online.
+They come from a copy of Menagerie, or are fetched once for those online by one of the packages
+mujoco-menagerie and robot_descriptions.
 """
 
 from __future__ import annotations
@@ -11,37 +12,41 @@ import os
 from pathlib import Path
 from xml.etree import ElementTree
 
-FOLDER = "COTLEARN_PANDA"  #: environment variable: a folder with Menagerie's panda.xml
-_FILE = "panda_nohand.xml"
+ROOT = "MENAGERIE_ROOT"  #: environment variable: the folder of a copy of Menagerie
+_ARM, _FILE = "franka_emika_panda", "panda_nohand.xml"
 
 
 def find() -> Path:
-    """The folder of the model, from `COTLEARN_PANDA` or the package robot_descriptions.
+    """The folder of the model.
 
     Raises:
-        ModuleNotFoundError: neither is there.
+        ModuleNotFoundError: there is neither a copy nor a package that fetches one.
         FileNotFoundError: the folder does not hold the model, or it cannot be fetched.
     """
-    chosen = os.environ.get(FOLDER)
-    if chosen is None:
-        try:
-            module = importlib.import_module("robot_descriptions.panda_mj_description")
-        except ModuleNotFoundError as error:
-            raise ModuleNotFoundError(
-                "model='menagerie' needs the meshes of MuJoCo Menagerie: install "
-                "robot_descriptions, which fetches them, or let the environment variable "
-                f"{FOLDER} name the folder franka_emika_panda of a copy",
-                name="robot_descriptions",
-            ) from error
-        except Exception as error:  # git's own, whatever it is
-            raise FileNotFoundError(
-                f"MuJoCo Menagerie cannot be fetched ({error}): are you online?"
-            ) from error
-        chosen = module.PACKAGE_PATH
-    folder = Path(chosen)
+    root = os.environ.get(ROOT)
+    folder = Path(root) / _ARM if root else _fetched()
     if not (folder / _FILE).is_file():
         raise FileNotFoundError(f"{folder} holds no {_FILE}: is it Menagerie's Panda?")
     return folder
+
+
+def _fetched() -> Path:
+    try:
+        try:
+            return Path(importlib.import_module("mujoco_menagerie").get(_ARM).path())
+        except ModuleNotFoundError:
+            described = importlib.import_module("robot_descriptions.panda_mj_description")
+            return Path(described.PACKAGE_PATH)
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            "model='menagerie' needs the meshes of MuJoCo Menagerie: install mujoco-menagerie, "
+            f"which fetches them, or let the environment variable {ROOT} name a copy",
+            name="mujoco_menagerie",
+        ) from error
+    except Exception as error:  # each has its own for being offline
+        raise FileNotFoundError(
+            f"MuJoCo Menagerie's Panda cannot be fetched ({error}): are you online?"
+        ) from error
 
 
 def dress(root: ElementTree.Element, folder: Path) -> None:
@@ -65,7 +70,7 @@ def dress(root: ElementTree.Element, folder: Path) -> None:
         ours, other = root.find(f".//body[@name='{name}']"), theirs.find(f".//body[@name='{name}']")
         if ours is None or other is None:
             raise ValueError(f"{folder / _FILE} has no body {name}")
-        visible = [geom for geom in other.findall("geom") if geom.get("class") == "visual"]
+        visible = [geom for geom in other.findall("geom") if "visual" in geom.get("class", "")]
         if visible:
             for geom in ours.findall("geom"):
                 geom.set("group", "3")  # there, but not shown
