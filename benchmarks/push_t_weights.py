@@ -4,6 +4,10 @@ Takes the policies of seed 0 that `cotlearn bench push-t` trained and kept in bu
 writes them to data/weights/. Then compares each with its original: by how many pixels actions are
 moved by the rounding, and what that does to paired rollouts, where contacts amplify any difference.
 
+A fourth file holds the strata of the stratified policy, found again by the same k-means, and the
+numbers of the training windows in 512 of them, so that its pairs can be looked at without finding
+and pairing all.
+
     python benchmarks/push_t_weights.py
     python -m cotlearn.assets
 """
@@ -15,19 +19,24 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from cotlearn.assets import data_folder
+from cotlearn.assets import data_folder, find_data
+from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.metrics import paired_bootstrap
+from cotlearn.robots.episodes import read, split
 from cotlearn.robots.policies import ChunkPolicy, FlowSampler
 from cotlearn.robots.rollout import rollout
+from cotlearn.storage import save_tensors
 
 METHODS = ("independent", "minibatch_ot", "stratified")
 SEED, EPISODES = 0, 200
+SHOWN = 512  #: strata whose rows are listed
 TRAINED = Path(__file__).resolve().parents[1] / "build" / "push_t"
 
 
 def main() -> None:
     """Writes the files and compares them with what they were made from."""
     torch.set_num_threads(1)
+    ship_strata(TRAINED / f"stratified-{SEED}.safetensors")
     for method in METHODS:
         policy, about = ChunkPolicy.load_with_about(TRAINED / f"{method}-{SEED}.safetensors")
         shipped = data_folder() / "weights" / f"push_t_{method}.safetensors"
@@ -37,6 +46,26 @@ def main() -> None:
         print(f"{shipped.name}: {shipped.stat().st_size / 1e6:.2f} MB")
         for nfe in (1, 2):
             compare(policy.with_sampler(FlowSampler(nfe)), rounded.with_sampler(FlowSampler(nfe)))
+
+
+def ship_strata(trained: Path) -> None:
+    """Writes the fitted clusters of a stratified training, and the rows of some."""
+    policy, about = ChunkPolicy.load_with_about(trained)
+    protocol = about["protocol"]
+    training, _ = split(
+        read(find_data("push_t_demos.npz")),
+        held_out=protocol["held_out"],
+        train=protocol["train_episodes"],
+    )
+    data = policy.windows.dataset(training, label=protocol["options"]["label"])
+    assert data.c is not None
+    clusters = KMeansCondition(protocol["options"]["clusters"]).fit(data.c)
+    some = torch.randperm(clusters.clusters, generator=torch.Generator().manual_seed(SEED))
+    rows = torch.isin(clusters.labels(data.c), some[:SHOWN]).nonzero()[:, 0]
+    shipped = data_folder() / "weights" / "push_t_strata.safetensors"
+    tensors = {**clusters.state_dict(), "rows": rows.int()}
+    save_tensors(shipped, tensors, {"protocol": protocol, "strata": SHOWN})
+    print(f"{shipped.name}: {shipped.stat().st_size / 1e6:.2f} MB, {len(rows)} rows")
 
 
 def compare(original: ChunkPolicy, rounded: ChunkPolicy) -> None:

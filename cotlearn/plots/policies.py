@@ -51,7 +51,8 @@ def score_against_nfe(
     ax = open_axes(ax, CHART)
     for rank, (name, curve) in enumerate(means.items()):
         look = style_of(name)
-        shift = 2 ** (0.16 * (rank / max(len(means) - 1, 1) - 0.5) * min(len(means) - 1, 4))
+        shift = 2 ** (0.3 * (rank / max(len(means) - 1, 1) - 0.5))
+        shift = shift if len(means) > 1 else 1.0
         for nfe, (low, high) in (intervals or {}).get(name, {}).items():
             if nfe not in curve:
                 raise ValueError(f"intervals[{name!r}] has {nfe}, scores only {sorted(curve)}")
