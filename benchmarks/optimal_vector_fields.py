@@ -12,16 +12,17 @@ so velocities make four times as many. All potentials start at the Gaussian map 
 - ofm_*: optimal flow matching with independent, minibatch OT and anti (dearest instead of cheapest)
   pairs; with a condition, minibatch OT and anti are naive: they do not look at c.
 - dual_*: its Hessian-free form, the maximum over x inside it found by Newton's method.
-- mmv1: the same objective with 20 steps of Adam inside (after Taghvaei & Jalali 1902.07197, the
-  name of Korotin et al. 2106.01954).
+- mmv1: the same objective with 20 steps of Adam inside, from the standardised batch (after
+  Taghvaei & Jalali 1902.07197, the name of Korotin et al. 2106.01954). With a condition that is too
+  far away: 60 steps inside gave 0.15 % instead of 5.2 % (conditional_2, seed 0) in twice the time.
 - cfm, ot_cfm, cot_cfm: flow matching with independent, minibatch OT, conditional OT pairs; values
   at 1 and 16 Euler steps. rectified: half of the steps cfm, half on pairs that it makes itself.
 
     python benchmarks/optimal_vector_fields.py
 
-writes data/results/l2_uvp.json, and with `--longer` data/results/l2_uvp_longer.json: a few methods
-with five times as many steps, where the short budget does not show what they can reach. An
-interrupted run goes on.
+writes data/results/l2_uvp.json. With `--longer` and `--longest` it writes l2_uvp_longer.json and
+l2_uvp_longest.json: some methods with five times as many steps, and one with ten times as many,
+where the short budget does not show what they can reach. An interrupted run goes on.
 """
 
 from __future__ import annotations
@@ -98,14 +99,18 @@ CONDITIONAL = [
     "ofm_anti",
     "dual_independent",
     "dual_minibatch",
+    "mmv1",
     "cfm",
     "ot_cfm",
     "cot_cfm",
     "rectified",
 ]
-LONGER = 5
-LONGER_PROBLEMS = ["eight_gaussians", "log_sum_exp_2", "log_sum_exp_8", "log_sum_exp_32"]
-LONGER_METHODS = ["ofm_independent", "ot_cfm"]
+LOG_SUM_EXP = ["log_sum_exp_2", "log_sum_exp_8", "log_sum_exp_32"]
+#: Name -> how many times as many steps, the problems, the methods.
+MORE_STEPS: dict[str, tuple[int, list[str], list[str]]] = {
+    "longer": (5, ["eight_gaussians", *LOG_SUM_EXP], ["ofm_independent", "ot_cfm"]),
+    "longest": (10, ["eight_gaussians"], ["ofm_independent"]),
+}
 
 
 class Anti(MinibatchOT):
@@ -132,14 +137,15 @@ def mmv1_loss(potential: Any, pairs: Pairs, generator: torch.Generator | None = 
     x0, x1 = pairs.x0, pairs.x1
     z = (x1 - x1.mean(dim=0)) / x1.std(dim=0)
     first, second = torch.zeros_like(z), torch.zeros_like(z)
+    given = potential.given(potential.check(x0, pairs.c))
     with torch.no_grad():
-        given = potential.given(None)
         for step in range(1, SETTING["steps_inside_mmv1"] + 1):
             slope = given.gradient(z) - x1
             first, second = 0.9 * first + 0.1 * slope, 0.999 * second + 0.001 * slope.square()
             size = (second / (1 - 0.999**step)).sqrt() + 1e-8
             z = z - 0.1 * first / (1 - 0.9**step) / size
-    return 2 * (potential(x0) + (x1 * z).sum(dim=1) - potential(z) - (x0 * x1).sum(dim=1))
+    conjugate = (x1 * z).sum(dim=1) - given.value(z)
+    return 2 * (given.value(x0) + conjugate - (x0 * x1).sum(dim=1))
 
 
 def problem(name: str, seed: int) -> tuple[Any, Tensor, Tensor | None, Tensor, float]:
@@ -238,17 +244,21 @@ def main() -> None:
     """Fill the table and print it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--output", type=Path)
-    parser.add_argument("--longer", action="store_true", help="five times as many steps")
+    budget = parser.add_mutually_exclusive_group()
+    for name, (times, *_) in MORE_STEPS.items():
+        word = f"{times} times as many steps"
+        budget.add_argument(f"--{name}", action="store_const", const=name, dest="more", help=word)
     options = parser.parse_args()
     torch.set_num_threads(1)
     methods = {
         name: CONDITIONAL if name.startswith("conditional") else UNCONDITIONAL for name in STEPS
     }
-    if options.longer:
-        methods = dict.fromkeys(LONGER_PROBLEMS, LONGER_METHODS)
-        STEPS.update({name: LONGER * steps for name, steps in STEPS.items()})
+    if options.more:
+        times, problems, few = MORE_STEPS[options.more]
+        methods = dict.fromkeys(problems, few)
+        STEPS.update({name: times * steps for name, steps in STEPS.items()})
     table = Table(
-        options.output or RESULTS / f"l2_uvp{'_longer' if options.longer else ''}.json",
+        options.output or RESULTS / f"l2_uvp{f'_{options.more}' if options.more else ''}.json",
         question=__doc__.splitlines()[0],
         protocol={**SETTING, "steps": STEPS, "nfe": NFE},
     )
