@@ -13,7 +13,7 @@ from cotlearn.robots.arm import MAX_STEPS, ArmWorlds, random_start, rendering, s
 from cotlearn.robots.arm import menagerie as real
 from cotlearn.robots.arm.environment import Arm
 from cotlearn.robots.arm.model import compiled, scene
-from cotlearn.robots.arm.task import GOAL, KINDS, TIP
+from cotlearn.robots.arm.task import GOAL, KINDS, PICTURE, TIP
 
 IDS = {kind: f"cotlearn/Arm{kind.title()}-v0" for kind in KINDS}
 
@@ -239,8 +239,13 @@ def test_an_opengl_that_cannot_be_opened_in_this_process_is_replaced(monkeypatch
     model, data = worlds.model_and_data(0)
     painter = rendering.Painter(model, width=100, height=80, how="egl")
     assert painter.how == "matplotlib"
-    assert painter.paint(data, worlds.states[0]).shape == (80, 100, 3)
+    assert painter.paint(model, data, worlds.states[0]).shape == (80, 100, 3)
     painter.close()
+
+
+def test_the_largest_picture_is_the_one_of_the_model():
+    model = compiled(scene(random_start(np.random.default_rng(0), "ring")))
+    assert (model.vis.global_.offwidth, model.vis.global_.offheight) == PICTURE
 
 
 def test_no_picture_without_a_mode():

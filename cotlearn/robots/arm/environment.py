@@ -101,7 +101,6 @@ class Arm(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
             raise ValueError(f"options must be {{'state': ...}} or None, got {options!r}")
         else:
             state = np.asarray(options["state"], dtype=np.float64)
-        self._close_painter()  # the pillars have other places
         self._worlds = ArmWorlds.at(state[None], self.kind, model=self.model)
         return self._worlds.states[0], self._info()
 
@@ -141,13 +140,10 @@ class Arm(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
         if self._painter is None:
             width, height = self.size
             self._painter = Painter(model, width=width, height=height, camera=self.camera)
-        return self._painter.paint(data, worlds.states[0])
+        return self._painter.paint(model, data, worlds.states[0])
 
     def close(self) -> None:
         """Frees what rendering holds; may be called twice."""
-        self._close_painter()
-
-    def _close_painter(self) -> None:
         if self._painter is not None:
             self._painter.close()
             self._painter = None

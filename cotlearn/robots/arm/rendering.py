@@ -62,10 +62,10 @@ def _works(name: str) -> bool:
 
 
 class Painter:
-    """Makes pictures of worlds that differ in their state only.
+    """Makes pictures of worlds.
 
     Args:
-        model: an `MjModel` of the arm.
+        model: an `MjModel` of the arm; that of other worlds may differ in its pillars only.
         width: of the pictures, pixels.
         height: of the pictures, pixels.
         camera: of the model, "front" or "above".
@@ -105,23 +105,21 @@ class Painter:
         self._view.type = engine.mjtCamera.mjCAMERA_FIXED
         self._view.fixedcamid = self._model.camera(self._camera).id
 
-    def paint(self, data: Any, state: NDArray[np.float64]) -> Image:
-        """A picture (height, width, 3) of an `MjData`; `state` (columns,) is what it shows."""
+    def paint(self, model: Any, data: Any, state: NDArray[np.float64]) -> Image:
+        """A picture (height, width, 3) of an `MjModel` with its `MjData`, in `state` (columns,)."""
         if self._context is None:
-            return self._draw(data, state)
+            return self._draw(positions(model, data), state)
         engine, (width, height) = mujoco(), self._size
         self._context.make_current()
         category = engine.mjtCatBit.mjCAT_ALL.value
-        engine.mjv_updateScene(
-            self._model, data, self._options, None, self._view, category, self._scene
-        )
+        engine.mjv_updateScene(model, data, self._options, None, self._view, category, self._scene)
         area = engine.MjrRect(0, 0, width, height)
         engine.mjr_render(area, self._scene, self._picture)
         image = np.empty((height, width, 3), dtype=np.uint8)
         engine.mjr_readPixels(image, None, area, self._picture)
         return np.ascontiguousarray(image[::-1])
 
-    def _draw(self, data: Any, state: NDArray[np.float64]) -> Image:
+    def _draw(self, points: NDArray[np.float64], state: NDArray[np.float64]) -> Image:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -131,9 +129,7 @@ class Painter:
         figure = Figure(figsize=(width / 100, height / 100), dpi=100)
         canvas = FigureCanvasAgg(figure)
         ax = figure.add_axes((0, 0, 1, 1), projection="3d")
-        arm_pose(
-            positions(self._model, data), state, ax=ax, bare=True, above=self._camera == "above"
-        )
+        arm_pose(points, state, ax=ax, bare=True, above=self._camera == "above")
         canvas.draw()
         return np.array(canvas.buffer_rgba())[..., :3].copy()
 
