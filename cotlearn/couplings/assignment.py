@@ -26,6 +26,7 @@ Index = NDArray[np.int64]
 
 SMALL_BATCH = 64  #: up to here SciPy is done before potentials would be
 EASY = 0.75  #: share of rows with a cheapest column of their own, above which SciPy is as fast
+SINKHORN_STEPS, SINKHORN_ERROR = 1000, 1e-6  #: at most, and of the marginals
 UNDERFLOW = 100.0  #: exp(-100) is a number, exp(-1000) is not: beyond this, logarithms
 
 
@@ -66,14 +67,32 @@ def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
     cost = _check_cost(cost)
     if check_number(regularization, "regularization") == 0:
         raise ValueError("regularization must be above 0; for 0 use the exact permutation")
-    weights = np.full(len(cost), 1 / len(cost))
     scale = max(float(cost.mean()), np.finfo(float).tiny)
     scaled = (cost - cost.min()) / scale  # a constant changes no plan
-    method = "sinkhorn" if scaled.max() < UNDERFLOW * regularization else "sinkhorn_log"
+    if scaled.max() < UNDERFLOW * regularization:
+        return _scaled_kernel(np.exp(-scaled / regularization))
+    weights = np.full(len(cost), 1 / len(cost))
     plan: Array = ot.sinkhorn(
-        weights, weights, scaled, regularization, method=method, numItermax=1000, stopThr=1e-6,
-        warn=False,
+        weights, weights, scaled, regularization, method="sinkhorn_log", numItermax=SINKHORN_STEPS,
+        stopThr=SINKHORN_ERROR, warn=False,
     )  # fmt: skip
+    return plan
+
+
+def _scaled_kernel(kernel: Array) -> Array:
+    """Scales rows and columns in turn until each sums to 1/B.
+
+    The same steps as `ot.sinkhorn`, which looks for infinities after each of them; at 64 rows that
+    takes longer than the steps.
+    """
+    weight = 1 / len(kernel)
+    u = np.full(len(kernel), weight)
+    for step in range(SINKHORN_STEPS):
+        v = weight / (u @ kernel)
+        u = weight / (kernel @ v)
+        if step % 10 == 0 and np.linalg.norm(v * (u @ kernel) - weight) < SINKHORN_ERROR:
+            break
+    plan: Array = u[:, None] * kernel * v
     return plan
 
 

@@ -126,6 +126,16 @@ def test_sinkhorn_marginals(regularization, kind):
     assert np.abs(plan.sum(axis=1) - 1 / n).max() < 1e-4
 
 
+@pytest.mark.parametrize("regularization", [0.02, 0.05, 0.3, 2.0])
+def test_sinkhorn_is_pots(regularization):
+    cost = points(64, 2)
+    weights = np.full(64, 1 / 64)
+    options = {"stopThr": 1e-6, "warn": False}
+    expected = ot.sinkhorn(weights, weights, cost / cost.mean(), regularization, **options)
+    found = sinkhorn_plan(cost, regularization=regularization)
+    assert np.abs(found - expected).max() < 1e-6
+
+
 def test_sinkhorn_lies_between_the_exact_and_the_independent_plan():
     cost = points(40, 2)
     exact = total(cost, exact_permutation(cost)) / 40
