@@ -34,7 +34,7 @@ def demos_arm_ring(
 ) -> None:
     """Records the arm that reaches round a pillar; goes on where a recording was interrupted.
 
-    The 4000 episodes of the course take about 4 minutes on one core.
+    The 4000 episodes of the course take about 2 minutes on one core.
     """
     _record("arm-ring", episodes, seed, out)
 
@@ -45,7 +45,7 @@ def demos_arm_avoid(
 ) -> None:
     """Records the arm between two rows of pillars; goes on where a recording was interrupted.
 
-    The 4000 episodes of the course take about 5 minutes on one core.
+    The 4000 episodes of the course take about 2 minutes on one core.
     """
     _record("arm-avoid", episodes, seed, out)
 
