@@ -8,10 +8,8 @@ import numpy as np
 
 from cotlearn.robots.arm.frames import GoalFrame
 from cotlearn.robots.arm.simulation import ArmWorlds
-from cotlearn.robots.arm.task import HIGH, LOW, MAX_STEPS, WAYS, columns
+from cotlearn.robots.arm.task import FAR, HIGH, LOW, MAX_STEPS, WAYS, columns
 from cotlearn.robots.task import Task, World
-
-_FAR = 2.0  #: metres; no part of a state is farther from the base
 
 
 def _task(kind: str) -> Task:
@@ -20,7 +18,7 @@ def _task(kind: str) -> Task:
         name=f"arm-{kind}",
         state=state,
         action=("x", "y", "z"),
-        state_limits=np.array([[-_FAR] * len(state), [_FAR] * len(state)]),
+        state_limits=np.array([[-FAR] * len(state), [FAR] * len(state)]),
         action_limits=np.stack([LOW, HIGH]),
         max_steps=MAX_STEPS,
         frames={"goal": GoalFrame(kind), "world": World(len(state))},

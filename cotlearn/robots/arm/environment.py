@@ -18,7 +18,6 @@ from cotlearn.validation import check_choice, check_count
 ACTIONS = ("tip", "joints")
 MODELS = ("capsules", "menagerie")
 CAMERAS = ("front", "above")
-FAR = 2.0  #: metres; no part of a state is farther from the base
 
 
 class Arm(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
@@ -75,7 +74,7 @@ class Arm(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
         if width > task.PICTURE[0] or height > task.PICTURE[1]:
             raise ValueError(f"width and height must be at most {task.PICTURE}, got {self.size}")
         columns = len(task.columns(kind))
-        self.observation_space = spaces.Box(-FAR, FAR, shape=(columns,), dtype=np.float64)
+        self.observation_space = spaces.Box(-task.FAR, task.FAR, shape=(columns,), dtype=np.float64)
         low, high = (task.LOW, task.HIGH) if action_type == "tip" else (LOWER, UPPER)
         self._limits = low.astype(np.float32), high.astype(np.float32)
         self.action_space = spaces.Box(*self._limits)

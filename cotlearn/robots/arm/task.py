@@ -40,6 +40,7 @@ TOOL = 0.26  #: from the flange to the tip
 LOW = np.array([0.15, -0.45, 0.0])
 HIGH = np.array([0.85, 0.45, 0.6])
 
+FAR = 2.0  #: no part of a state is farther from the base
 PICTURE = (960, 720)  #: largest width and height of a rendered picture, pixels
 
 #: From these an episode begins.
