@@ -54,7 +54,7 @@ def check(
             marked = mark(path, limits=limits, each=_print)
         except ModuleNotFoundError as error:
             stop_missing(error.name)
-        except ValueError as error:
+        except (ValueError, RuntimeError) as error:
             stop(str(error))
         except KeyboardInterrupt:
             raise typer.Exit(130) from None

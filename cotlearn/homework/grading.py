@@ -122,9 +122,10 @@ def _grade(
         return Row(file.as_posix(), known, kept=True)
     try:
         marked = mark(path, hidden=True, masters=masters, limits=limits)
-    except Exception as error:  # one bad file must not take the others along
-        what = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-        marked = Marked("", "", (), what)
+    except ValueError as error:
+        marked = Marked("", "", (), str(error))
+    except Exception as error:  # ours, not the student's: said, and tried again the next time
+        return Row(file.as_posix(), Marked("", "", (), f"{type(error).__name__}: {error}"))
     _write_feedback(stored, file, marked)
     write_atomically(stored, json.dumps({"key": key, "marked": marked.to_json()}, indent=1) + "\n")
     return Row(file.as_posix(), marked)

@@ -23,6 +23,7 @@ from typing import Any
 
 from cotlearn.homework import worker
 
+START = 300.0  #: seconds that a process may take to begin, on a very busy machine
 _MESSAGE_BYTES = 1_000_000
 
 
@@ -69,6 +70,9 @@ def run(job: dict[str, Any], limits: Limits) -> Outcome:
     Args:
         job: As `worker.run` takes it.
         limits: Of time and memory.
+
+    Raises:
+        RuntimeError: The process did not even begin, which is not the answer's fault.
     """
     context = _context()
     ours, theirs = context.Pipe(duplex=False)
@@ -90,7 +94,8 @@ def _listen(
     channel: multiprocessing.connection.Connection, process: Any, limits: Limits
 ) -> tuple[list[dict[str, Any]], str | None]:
     messages: list[dict[str, Any]] = []
-    deadline = time.monotonic() + 3 * limits.seconds + 30  # 30: to start on a busy machine
+    begun = False
+    deadline = time.monotonic() + START
     while True:
         rest = deadline - time.monotonic()
         ready = multiprocessing.connection.wait([channel, process.sentinel], max(rest, 0))
@@ -98,23 +103,28 @@ def _listen(
             try:
                 message = json.loads(channel.recv_bytes(_MESSAGE_BYTES))
             except (EOFError, OSError, ValueError):
-                process.join(5)
-                return messages, _why(process.exitcode, limits)
+                return messages, _why(process, limits, begun=begun)
             if message.get("end"):
                 return messages, message.get("problem")
             if message.get("begun"):  # loading is not the learner's time
+                begun = True
                 deadline = time.monotonic() + 3 * limits.seconds
             else:
                 messages.append(message)
         elif ready:  # it is gone, and left nothing in the channel
-            process.join(5)
-            return messages, _why(process.exitcode, limits)
+            return messages, _why(process, limits, begun=begun)
         elif rest <= 0:
+            if not begun:
+                raise RuntimeError("the process for an answer took too long to start")
             return messages, _too_long(limits)
 
 
-def _why(code: int | None, limits: Limits) -> str:
+def _why(process: Any, limits: Limits, *, begun: bool) -> str:
     """A sentence for a process that ended without its last message."""
+    process.join(5)
+    code = process.exitcode
+    if not begun:
+        raise RuntimeError(f"the process for an answer did not start (exit code {code})")
     if hasattr(signal, "SIGXCPU") and code == -signal.SIGXCPU:
         return _too_long(limits)
     if code is not None and code < 0:
@@ -143,8 +153,11 @@ def _end(process: Any) -> None:
 
 @functools.cache
 def _context() -> BaseContext:
-    """Processes that start from a server that has imported torch once, where that is possible."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
+    """On Linux processes start from a server that has imported torch once, elsewhere anew.
+
+    On macOS there is a fork, too, but its numerical libraries do not survive it.
+    """
+    if sys.platform != "linux":
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([worker.__name__, "cotlearn.homework.preload"])

@@ -1,0 +1,60 @@
+"""`cotlearn check`, `progress`, `grade` and `homework`."""
+
+import handed_in
+import pytest
+from typer.testing import CliRunner
+
+from cotlearn.cli import app
+from cotlearn.homework import progress
+
+
+@pytest.fixture(autouse=True)
+def _own_progress(tmp_path, monkeypatch):
+    monkeypatch.setattr(progress, "file", lambda: tmp_path / "progress.json")
+
+
+def run(*words):
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    return result.exit_code, result.output
+
+
+def test_check_and_progress(tmp_path):
+    path = tmp_path / "mein hw1 für Zoë.ipynb"
+    handed_in.write(path, handed_in.homework(handed_in.answers(euler="exit()")))
+    code, text = run("check", path)
+    assert code == 1
+    assert text.splitlines() == [
+        path.name,
+        "✓ hw1.loss",
+        "✗ hw1.euler: your answer ended Python (exit or quit); use return to leave a function",
+        "· hw1.exact_velocity: not attempted yet",
+        "✓ hw1.squared_w2",
+        "2 of 4 correct",
+    ]
+    code, text = run("progress")
+    assert code == 0
+    assert "Homework 1 · Flow matching from scratch" in text
+    assert "2 of 4  ✓ ✗ · ✓" in text
+    assert "next: 00.self_test in 00_start_here.ipynb" in text
+
+
+def test_what_cannot_be_checked(tmp_path):
+    code, text = run("check", tmp_path / "hw1.ipynb")
+    assert (code, "no notebook" in text) == (2, True)
+    (tmp_path / "hw1.ipynb").write_text("no")
+    code, text = run("check", tmp_path / "hw1.ipynb")
+    assert code == 2
+    assert "hw1.ipynb is not a notebook that can be read" in text
+
+
+def test_grade(tmp_path):
+    work = tmp_path / "work"
+    work.mkdir()
+    code, text = run("grade", work, "--out", tmp_path / "grades.csv")
+    assert code == 2
+    assert "there is no notebook" in text
+    (work / "bad.ipynb").write_text("{")
+    code, text = run("grade", work, "--out", tmp_path / "grades.csv")
+    assert code == 0
+    assert "1 notebooks, 0 of them known from before, 1 could not be graded" in text
+    assert (tmp_path / "grades.csv").exists()

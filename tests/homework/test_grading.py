@@ -1,0 +1,123 @@
+"""Grading folders: resumable, and one bad file loses nothing."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import handed_in
+import pytest
+
+from cotlearn.homework import grading
+from cotlearn.homework.isolation import Limits
+
+LIMITS = Limits(seconds=1, gigabytes=1)
+EACH = ["4", "4", "0", "4"]  #: points of `handed_in.answers`
+POINTS = ["12", "17", "71"]
+
+
+def grade(folder, out, **options):
+    return grading.grade(folder, out, workers=2, limits=LIMITS, **options)
+
+
+def table(out):
+    with out.open(encoding="utf-8-sig", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Handed-in work: good, bad, damaged, and with names of all kinds."""
+    good = handed_in.homework(handed_in.answers())
+    bad = handed_in.homework(handed_in.answers(loss="exit()", euler="1 / 0"))
+    made = tmp_path / "handed in"
+    handed_in.write(made / "Zoë Müller" / "hw1.ipynb", good)
+    handed_in.write(made / "Ann" / "hw1.ipynb", bad)
+    handed_in.write(made / "=1+1.ipynb", good)
+    (made / "damaged.ipynb").write_text("{")
+    (made / "empty.ipynb").touch()
+    (made / "no.ipynb").mkdir()
+    handed_in.write(made / ".ipynb_checkpoints" / "hw1-checkpoint.ipynb", good)
+    (made / "report.pdf").touch()
+    return made
+
+
+def test_a_folder(folder, tmp_path):
+    out = tmp_path / "grades.csv"
+    rows = grade(folder, out)
+    found = {row["file"]: row for row in table(out)}
+    assert list(found) == [
+        "'=1+1.ipynb",
+        "Ann/hw1.ipynb",
+        "Zoë Müller/hw1.ipynb",
+        "damaged.ipynb",
+        "empty.ipynb",
+        "no.ipynb",
+    ]
+    best = found["Zoë Müller/hw1.ipynb"]
+    assert [best[k] for k in ("assignment", "points", "out_of", "percent")] == ["hw1", *POINTS]
+    assert [best[f"hw1.{name}"] for name in handed_in.NAMES] == EACH
+    assert found["Ann/hw1.ipynb"]["hw1.loss"] == "0"
+    assert "not a notebook that can be read" in found["damaged.ipynb"]["note"]
+    assert found["damaged.ipynb"]["points"] == "0"
+
+    feedback = (tmp_path / "grades" / "Ann" / "hw1.md").read_text(encoding="utf-8")
+    assert "ended Python (exit or quit)" in feedback
+    assert "line 1, raised ZeroDivisionError" in feedback
+    assert (tmp_path / "grades" / "damaged.md").read_text().startswith("# damaged.ipynb")
+
+    # again: all that could be read is known, and the table is the same
+    again = grade(folder, out)
+    assert sum(row.kept for row in again) == 5
+    assert [row.marked for row in again] == [row.marked for row in rows]
+
+    # a student hands in again: that one is graded anew
+    handed_in.write(folder / "Ann" / "hw1.ipynb", handed_in.homework(handed_in.answers()))
+    (tmp_path / "grades" / "Zoë Müller" / "hw1.ipynb.json").write_text("{")  # and a torn file
+    seen = []
+    rows = grade(folder, out, each=lambda row, done, total: seen.append((done, total)))
+    assert {row.file for row in rows if not row.kept} == {
+        "Ann/hw1.ipynb",
+        "Zoë Müller/hw1.ipynb",
+        "no.ipynb",
+    }
+    assert seen[-1] == (6, 6)
+
+
+def test_an_empty_folder(tmp_path):
+    out = tmp_path / "grades.csv"
+    with pytest.raises(ValueError, match="there is no notebook"):
+        grade(tmp_path, out)
+    with pytest.raises(ValueError, match="folder must be a folder of notebooks"):
+        grade(tmp_path / "nowhere", out)
+    with pytest.raises(ValueError, match=r"out must be a file such as grades\.csv"):
+        grade(tmp_path, tmp_path)
+    assert not out.exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no kill -9")
+def test_a_run_that_is_killed_goes_on(tmp_path):
+    work, out = tmp_path / "work", tmp_path / "grades.csv"
+    sleepy = "import time\ntime.sleep(30)"
+    for name, change in (("a", {}), ("b", {}), ("c", {"loss": sleepy})):
+        handed_in.write(work / f"{name}.ipynb", handed_in.homework(handed_in.answers(**change)))
+    command = [sys.executable, "-m", "cotlearn", "grade", str(work), "--out", str(out)]
+    command += ["--workers", "1", "--seconds", "1", "--gigabytes", "1"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
+    deadline = time.monotonic() + 120
+    while not (tmp_path / "grades" / "b.ipynb.json").exists():
+        assert time.monotonic() < deadline, "nothing was graded"
+        time.sleep(0.05)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not out.exists()
+    kept = json.loads((tmp_path / "grades" / "a.ipynb.json").read_text())
+
+    rows = grade(work, out)
+    assert [row.kept for row in rows] == [True, True, False]
+    assert json.loads((tmp_path / "grades" / "a.ipynb.json").read_text()) == kept
+    assert [row["hw1.euler"] for row in table(out)] == [EACH[1]] * 3
+    assert [row["hw1.loss"] for row in table(out)] == ["4", "4", "0"]

@@ -1,0 +1,82 @@
+"""The masters, their student versions, and what students import."""
+
+import ast
+import json
+from pathlib import Path
+
+import pytest
+
+import cotlearn
+from cotlearn.homework import assignments, exercises, release, submissions
+
+MASTERS = assignments.masters()
+#: Names that student notebooks of this minor version use; they stay until the next one.
+HELPERS = {
+    "cotlearn.assets": {"find_data"},
+    "cotlearn.couplings": {"ConditionalOT"},
+    "cotlearn.diagnostics": {"frontier"},
+    "cotlearn.flows": {"VelocityMLP"},
+    "cotlearn.homework": {"check", "passed"},
+    "cotlearn.homework.push_t_twist": {"Twist", "play"},
+    "cotlearn.metrics": {"paired_bootstrap", "squared_w2"},
+    "cotlearn.mixtures": {"petals"},
+    "cotlearn.robots.policies": {"ChunkPolicy", "FlowSampler"},
+    "cotlearn.robots.push_t": {"GOAL"},
+    "cotlearn": {"plots"},
+}
+OUTSIDE = {"matplotlib.pyplot", "numpy", "scipy.optimize", "torch"}
+
+
+def student(master: Path) -> Path:
+    return master.parent / "student" / master.name
+
+
+def test_there_are_four():
+    assert [path.stem for path in MASTERS] == ["hw1", "hw2", "hw3", "hw4"]
+
+
+@pytest.mark.parametrize("master", MASTERS, ids=lambda path: path.stem)
+def test_the_student_version_is_that_of_the_master(master):
+    stamp = json.loads(student(master).read_text(encoding="utf-8"))["metadata"]["cotlearn"]
+    assert stamp == {
+        "assignment": master.stem,
+        "version": cotlearn.__version__,
+        "master": release.fingerprint(master),
+    }, "run: make homework"
+
+
+@pytest.mark.parametrize("master", MASTERS, ids=lambda path: path.stem)
+def test_students_see_no_solution_and_no_hidden_test(master):
+    text = student(master).read_text(encoding="utf-8")
+    for word in ("SOLUTION", "BEGIN TEST", "hidden: ", "seed = "):
+        assert word not in text.replace("seed = 0", "")
+    for cell in submissions.read(student(master)).cells:
+        assert ("exercise" in cell.tags) == (cell.question is not None)
+        if cell.question:
+            assert cell.source.rstrip().endswith("...")
+
+
+@pytest.mark.parametrize("master", MASTERS, ids=lambda path: path.stem)
+def test_questions_have_checks_and_seeded_tests(master):
+    known = set(exercises())
+    for question in assignments.read(master, master.stem).questions:
+        assert question.name in known
+        assert len(question.tests) >= 2
+        for test in question.tests:
+            assert "    seed = " in test.source
+            assert test.points > 0
+        assert sum("require(" in test.source for test in question.tests) == 1
+
+
+def test_students_import_helpers_that_stay():
+    imported: dict[str, set[str]] = {}
+    for master in MASTERS:
+        for cell in submissions.read(student(master)).cells:
+            for node in ast.walk(ast.parse(cell.source)):
+                if isinstance(node, ast.ImportFrom):
+                    names = {item.name for item in node.names}
+                    imported.setdefault(str(node.module), set()).update(names)
+                elif isinstance(node, ast.Import):
+                    imported.update({item.name: set() for item in node.names})
+    assert set(imported) - OUTSIDE == set(HELPERS)
+    assert {key: imported[key] for key in HELPERS} == HELPERS
