@@ -1,19 +1,21 @@
-"""Ships trained policies of Push-T with the course, in 16 bits.
+"""Ships trained policies with the course, in 16 bits.
 
-Takes the policies of seed 0 that `cotlearn bench push-t` trained and kept in build/push_t, and
-writes them to data/weights/. Then compares each with its original: by how many pixels actions are
-moved by the rounding, and what that does to paired rollouts, where contacts amplify any difference.
+Takes the policies of seed 0 that `cotlearn bench` trained and kept in build/, and writes them to
+data/weights/. Then compares each with its original: how far actions are moved by the rounding, and
+what that does to paired rollouts, where contacts amplify any difference.
 
-A fourth file holds the strata of the stratified policy, found again by the same k-means, and the
-numbers of the training windows in 512 of them, so that its pairs can be looked at without finding
-and pairing all.
+For Push-T a further file holds the strata of the stratified policy, found again by the same
+k-means, and the numbers of the training windows in 512 of them, so that its pairs can be looked at
+without finding and pairing all.
 
-    python benchmarks/push_t_weights.py
+    python benchmarks/policy_weights.py push-t
+    python benchmarks/policy_weights.py arm-ring independent minibatch_ot conditional_ot
     python -m cotlearn.assets
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -25,21 +27,25 @@ from cotlearn.metrics import paired_bootstrap
 from cotlearn.robots.episodes import read, split
 from cotlearn.robots.policies import ChunkPolicy, FlowSampler
 from cotlearn.robots.rollout import rollout
+from cotlearn.robots.settings import SETTINGS
 from cotlearn.storage import save_tensors
 
 METHODS = ("independent", "minibatch_ot", "stratified")
 SEED, EPISODES = 0, 200
 SHOWN = 512  #: strata whose rows are listed
-TRAINED = Path(__file__).resolve().parents[1] / "build" / "push_t"
+BUILD = Path(__file__).resolve().parents[1] / "build"
 
 
-def main() -> None:
-    """Writes the files and compares them with what they were made from."""
+def main(setting: str, methods: tuple[str, ...]) -> None:
+    """Writes the files of a setting and compares them with what they were made from."""
     torch.set_num_threads(1)
-    ship_strata(TRAINED / f"stratified-{SEED}.safetensors")
-    for method in METHODS:
-        policy, about = ChunkPolicy.load_with_about(TRAINED / f"{method}-{SEED}.safetensors")
-        shipped = data_folder() / "weights" / f"push_t_{method}.safetensors"
+    name = setting.replace("-", "_")
+    if setting == "push-t":
+        ship_strata(setting, BUILD / name / f"stratified-{SEED}.safetensors")
+    for method in methods:
+        trained = BUILD / name / f"{method}-{SEED}.safetensors"
+        policy, about = ChunkPolicy.load_with_about(trained)
+        shipped = data_folder() / "weights" / f"{name}_{method}.safetensors"
         record = {"coupling": method, "seed": SEED, "protocol": about["protocol"]}
         policy.save(shipped, half=True, about=record)
         rounded = ChunkPolicy.load(shipped)
@@ -48,12 +54,12 @@ def main() -> None:
             compare(policy.with_sampler(FlowSampler(nfe)), rounded.with_sampler(FlowSampler(nfe)))
 
 
-def ship_strata(trained: Path) -> None:
+def ship_strata(setting: str, trained: Path) -> None:
     """Writes the fitted clusters of a stratified training, and the rows of some."""
     policy, about = ChunkPolicy.load_with_about(trained)
     protocol = about["protocol"]
     training, _ = split(
-        read(find_data("push_t_demos.npz")),
+        read(find_data(SETTINGS[setting].demonstrations)),
         held_out=protocol["held_out"],
         train=protocol["train_episodes"],
     )
@@ -62,7 +68,7 @@ def ship_strata(trained: Path) -> None:
     clusters = KMeansCondition(protocol["options"]["clusters"]).fit(data.c)
     some = torch.randperm(clusters.clusters, generator=torch.Generator().manual_seed(SEED))
     rows = torch.isin(clusters.labels(data.c), some[:SHOWN]).nonzero()[:, 0]
-    shipped = data_folder() / "weights" / "push_t_strata.safetensors"
+    shipped = data_folder() / "weights" / f"{setting.replace('-', '_')}_strata.safetensors"
     tensors = {**clusters.state_dict(), "rows": rows.int()}
     save_tensors(shipped, tensors, {"protocol": protocol, "strata": SHOWN})
     print(f"{shipped.name}: {shipped.stat().st_size / 1e6:.2f} MB, {len(rows)} rows")
@@ -70,19 +76,20 @@ def ship_strata(trained: Path) -> None:
 
 def compare(original: ChunkPolicy, rounded: ChunkPolicy) -> None:
     """Prints how far two policies differ on the same noise, in one chunk and in whole episodes."""
-    starts = original.windows.task.worlds(range(EPISODES)).states
+    task = original.windows.task
+    starts = task.worlds(range(EPISODES)).states
     history = np.repeat(starts[:, None], original.windows.observe, axis=1)
     noise = original.noise(EPISODES, torch.Generator().manual_seed(SEED))
     first, second = (policy.chunk(history, noise=noise) for policy in (original, rounded))
-    before, after = (rollout(p, episodes=EPISODES)["coverage"] for p in (original, rounded))
+    before, after = (rollout(p, episodes=EPISODES)[task.score] for p in (original, rounded))
     mean, low, high = paired_bootstrap(after[None], before[None])
     moved = np.linalg.norm(first - second, axis=2)
     print(
-        f"  {original.sampler.name}: actions moved by {moved.mean():.2f} pixels, at most "
-        f"{moved.max():.2f}; coverage {before.mean():.3f}, in 16 bits {after.mean():.3f}, "
-        f"difference {mean:+.3f} ({low:+.3f} to {high:+.3f})"
+        f"  {original.sampler.name}: actions moved by {moved.mean():.2g}, at most "
+        f"{moved.max():.2g}, in their unit; {task.score} {before.mean():.3f}, in 16 bits "
+        f"{after.mean():.3f}, difference {mean:+.3f} ({low:+.3f} to {high:+.3f})"
     )
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1], tuple(sys.argv[2:]) or METHODS)
