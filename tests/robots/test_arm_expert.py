@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from cotlearn import assets, cli
 from cotlearn.robots.arm import MAX_STEPS, SUCCESS, WAYS, ArmWorlds, random_start
+from cotlearn.robots.arm.definition import ARM_AVOID, ARM_RING
 from cotlearn.robots.arm.task import GOAL, KINDS, TIP, columns, pillars
 from cotlearn.robots.arm.ways import way_round
 from cotlearn.robots.experts import record as recording
@@ -268,3 +269,20 @@ def test_shipped_episodes_can_be_replayed(kind):
     outcomes = worlds.outcomes()
     assert np.array_equal(outcomes["mode"], found.mode[chosen])
     assert outcomes["goal_error"].max() < SUCCESS
+
+
+def test_the_frame_takes_away_variance_between_conditions():
+    """Of whole paths around the pillar, and of chunks between the rows."""
+    for task, length in ((ARM_RING, MAX_STEPS), (ARM_AVOID, 16)):
+        found = recording.load(assets.find_data(f"{task.name.replace('-', '_')}_demos.npz"))
+        states = found.state.reshape(-1, MAX_STEPS, len(task.state))[:500, ::12]
+        actions = found.intention.reshape(-1, MAX_STEPS, 3)[:500]
+        left = {}
+        for name, frame in task.frames.items():
+            steps = range(0, MAX_STEPS - length + 1, 12)
+            seen = [
+                frame.into(actions[:, step : step + length], states[:, place : place + 1])
+                for place, step in enumerate(steps)
+            ]
+            left[name] = np.concatenate(seen).var(axis=0).sum(axis=-1).mean()
+        assert left["goal"] < 0.6 * left["world"]
