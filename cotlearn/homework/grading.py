@@ -142,7 +142,9 @@ def _known(stored: Path, key: str) -> Marked | None:
 def _salt(masters: Path | None, limits: Limits) -> str:
     """Changes with the tests, the version and the limits."""
     files = (hashlib.sha256(path.read_bytes()).hexdigest() for path in assignments.masters(masters))
-    return json.dumps([cotlearn.__version__, limits.seconds, limits.gigabytes, *files])
+    return json.dumps(
+        [cotlearn.__version__, float(limits.seconds), float(limits.gigabytes), *files]
+    )
 
 
 def _write_feedback(stored: Path, file: Path, marked: Marked) -> None:

@@ -10,6 +10,7 @@ import time
 
 import handed_in
 import pytest
+from handed_in import EULER, PAIR
 
 from cotlearn.homework import grading
 from cotlearn.homework.isolation import Limits
@@ -32,7 +33,7 @@ def table(out):
 def folder(tmp_path):
     """Handed-in work: good, bad, damaged, and with names of all kinds."""
     good = handed_in.homework(handed_in.answers())
-    bad = handed_in.homework(handed_in.answers(loss="exit()", euler="1 / 0"))
+    bad = handed_in.homework(handed_in.answers(loss=f"{PAIR}\nexit()", euler=f"{EULER}\n1 / 0"))
     made = tmp_path / "handed in"
     handed_in.write(made / "Zoë Müller" / "hw1.ipynb", good)
     handed_in.write(made / "Ann" / "hw1.ipynb", bad)
@@ -66,7 +67,7 @@ def test_a_folder(folder, tmp_path):
 
     feedback = (tmp_path / "grades" / "Ann" / "hw1.md").read_text(encoding="utf-8")
     assert "ended Python (exit or quit)" in feedback
-    assert "line 1, raised ZeroDivisionError" in feedback
+    assert "line 6, raised ZeroDivisionError" in feedback
     assert (tmp_path / "grades" / "damaged.md").read_text().startswith("# damaged.ipynb")
 
     # again: all that could be read is known, and the table is the same
@@ -101,7 +102,7 @@ def test_an_empty_folder(tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="no kill -9")
 def test_a_run_that_is_killed_goes_on(tmp_path):
     work, out = tmp_path / "work", tmp_path / "grades.csv"
-    sleepy = "import time\ntime.sleep(30)"
+    sleepy = f"{PAIR}\nimport time\ntime.sleep(30)"
     for name, change in (("a", {}), ("b", {}), ("c", {"loss": sleepy})):
         handed_in.write(work / f"{name}.ipynb", handed_in.homework(handed_in.answers(**change)))
     command = [sys.executable, "-m", "cotlearn", "grade", str(work), "--out", str(out)]
