@@ -15,7 +15,8 @@ Array = NDArray[np.float64]
 
 FAR = 8.0  #: deviations from the mean to the least cost, beyond which that way is the scale
 TEMPERATURE = np.float32(0.1)  #: of the first steps, in units of the costs' scale
-COOLING = 5  #: the second temperature is this much lower
+COOLING = 5  #: each further temperature is this much lower
+STAGES = 2, 5  #: temperatures, at least and at most
 STEPS = 10  #: at each temperature
 RELAXATION = np.float32(1.4)  #: over-relaxation of the steps, in [1, 2) (Thibault 1711.01851)
 LEAST = np.float32(1e-12)  #: scalings stay in [1e-12, 1e12]
@@ -23,16 +24,16 @@ ONE = np.float32(1)
 
 
 @njit(cache=True, nogil=True)
-def survey(cost: Array) -> tuple[Array, float, int]:
-    """What decides how to solve: least costs, their scale, and how many rows are easy.
+def survey(cost: Array) -> tuple[Array, float, float, int]:
+    """What decides how to solve: least costs, two scales, and how many rows are easy.
 
     Args:
         cost: (B, B), finite.
 
     Returns:
         (B,), the smallest cost of each column; the standard deviation of the costs, or the way from
-        the mean to the least cost over `FAR` if that is more; how many columns are some row's
-        cheapest, in cost_ij - least_j.
+        the mean to the least cost over `FAR` if that is more; what a tenth of a row's costs do not
+        exceed, above its least; how many columns are some row's cheapest, in cost_ij - least_j.
     """
     n = len(cost)
     least = cost[0].copy()
@@ -47,17 +48,22 @@ def survey(cost: Array) -> tuple[Array, float, int]:
             if cost[i, j] - least[j] < cost[i, best] - least[best]:
                 best = j
         taken[best] = True
-    return least, max(some.std(), (some.mean() - least.min()) / FAR), int(taken.sum())
+    few = range(0, n, max(1, n // 8))
+    tenths = np.array([np.partition(cost[i], n // 10)[n // 10] - cost[i].min() for i in few])
+    spread = max(some.std(), (some.mean() - least.min()) / FAR)
+    return least, spread, float(np.median(tenths)), int(taken.sum())
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def potentials(cost: Array, least: Array, spread: float) -> tuple[Array, Array]:
+def potentials(cost: Array, least: Array, spread: float, near: float) -> tuple[Array, Array]:
     """Potentials f, g with f_i + g_j near cost_ij on the optimal pairs and not far above elsewhere.
 
     Args:
         cost: (B, B), finite.
         least: (B,), the smallest cost of each column.
         spread: scale of the costs, above 0.
+        near: scale of the lowest costs of a row. Where clusters lie far apart it is much smaller
+            than that of all costs, and more temperatures follow.
 
     Returns:
         f and g, each (B,).
@@ -70,7 +76,8 @@ def potentials(cost: Array, least: Array, spread: float) -> tuple[Array, Array]:
         for j in range(n):
             kernel[i, j] = math.exp(np.float32((cost[i, j] - least[j]) * per_unit))
     temperature = TEMPERATURE * spread
-    for stage in range(2):
+    coldest = near / min(4.0, n / 128)  # in large batches the cold pays for itself
+    for stage in range(1, STAGES[1] + 1):
         u, v = np.ones(n, np.float32), np.ones(n, np.float32)
         for _ in range(STEPS):
             _step(kernel, u, v, sums)
@@ -79,13 +86,14 @@ def potentials(cost: Array, least: Array, spread: float) -> tuple[Array, Array]:
         for i in range(n):
             rows[i] += temperature * math.log(u[i])
             columns[i] += temperature * math.log(v[i])
-        if stage == 0:
-            temperature /= COOLING
-            for i in range(n):
-                for j in range(n):
-                    entry = kernel[i, j] * u[i] * v[j]
-                    square = entry * entry
-                    kernel[i, j] = square * square * entry  # the fifth power is five times colder
+        if stage >= STAGES[0] and temperature <= coldest:
+            break
+        temperature /= COOLING
+        for i in range(n):
+            for j in range(n):
+                entry = kernel[i, j] * u[i] * v[j]
+                square = entry * entry
+                kernel[i, j] = square * square * entry  # the fifth power is five times colder
     return rows, columns
 
 

@@ -6,7 +6,8 @@ shortest augmenting paths in double precision (`augmenting.py`) do the rest. The
 the time, never the optimum. Colder last temperatures, more steps and stronger over-relaxation were
 tried and did not pay over all sizes. The temperature is a share of the costs' standard deviation,
 or of the way from the mean to the least cost where that is far longer, as it is for the permutation
-with the largest sum of entries of a Sinkhorn plan, nearly all of which are 0.
+with the largest sum of entries of a Sinkhorn plan, nearly all of which are 0. Where a row's lowest
+costs are much nearer to each other than that, as within clusters that lie far apart, it falls on.
 `benchmarks/assignment.py` measures it beside torchcfm, SciPy and POT.
 """
 
@@ -44,9 +45,9 @@ def exact_permutation(cost: Array) -> Index:
     """
     cost = _check_cost(cost)
     if len(cost) > SMALL_BATCH:
-        least, spread, easy = survey(cost)
+        least, spread, near, easy = survey(cost)
         if 1e-30 < spread < 1e30 and easy < EASY * len(cost):  # else beyond single precision
-            permutation: Index = assign(cost, *potentials(cost, least, spread))
+            permutation: Index = assign(cost, *potentials(cost, least, spread, near))
             return permutation
     return linear_sum_assignment(cost)[1].astype(np.int64)
 

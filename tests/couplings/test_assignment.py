@@ -66,6 +66,15 @@ def test_the_largest_sum_of_entries_of_a_plan(dim, regularization):
     assert total(cost, exact_permutation(cost)) == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize("n", [80, 300, 1000])
+def test_clusters_far_apart(n):
+    rng = np.random.default_rng(0)
+    x, y = 0.5 * rng.normal(size=(2, n, 2)) + [[0.0, 6.0]] * rng.choice([-1, 1], size=(2, n, 1))
+    cost = cdist(x, y, "sqeuclidean")
+    expected = total(cost, linear_sum_assignment(cost)[1])
+    assert total(cost, exact_permutation(cost)) == pytest.approx(expected, rel=1e-12)
+
+
 @pytest.mark.parametrize("kind", ["equal", "one outlier", "one bargain", "huge weight"])
 def test_costs_whose_potentials_are_of_no_use(kind):
     cost = points(200, 2)
