@@ -36,6 +36,8 @@ class Timetable(SphinxDirective):
         up = "../" * len(here.parts)
         lines = []
         for name, title, claim, times in rows(folder):
+            if f"notebooks/{Path(name).stem}" not in self.env.found_docs:
+                continue  # it came while the site was being built
             self.env.note_dependency(str(folder / name))
             lines += [f"**[{title}]({up}notebooks/{name})**", f": {claim}", f": *{times}*", ""]
         return self.parse_text_to_nodes("\n".join(lines))
