@@ -11,7 +11,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMB
 os.environ["MPLBACKEND"] = "agg"
 os.environ["COTLEARN_PROGRESS"] = "0"
 
-for module in ("matplotlib.pyplot", "cotlearn.diagnostics", "cotlearn.homework.registry"):
+for module in ("cotlearn.plots", "cotlearn.diagnostics", "cotlearn.homework.registry"):
     importlib.import_module(module)
 
 import torch  # noqa: E402

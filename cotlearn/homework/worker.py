@@ -45,11 +45,14 @@ def run(
     with contextlib.suppress(AttributeError, OSError):
         os.setsid()  # so that all it starts can be ended together
     _prepare(folder)
-    _limit(seconds, gigabytes)
+    namespace: dict[str, Any] = {"__name__": "__main__"}
+    with contextlib.suppress(Exception):
+        exec(compile(job["setup"], "<setup>", "exec"), namespace)
+    _limit(seconds, gigabytes)  # from here on it is the learner's code that runs
     _send(channel, {"begun": True})
     problem: str | None
     try:
-        _question(job, channel)
+        _question(job, namespace, channel)
         problem = None
     except _Unusable as reason:
         problem = str(reason)
@@ -66,13 +69,10 @@ def run(
     os._exit(0)  # whatever the answer left behind must not run now
 
 
-def _question(job: dict[str, Any], channel: Connection) -> None:
+def _question(job: dict[str, Any], namespace: dict[str, Any], channel: Connection) -> None:
     from cotlearn.homework import registry
 
     registry.TIME_LIMIT = math.inf  # this process has its own
-    namespace: dict[str, Any] = {"__name__": "__main__"}
-    with contextlib.suppress(Exception):
-        exec(compile(job["setup"], "<setup>", "exec"), namespace)
     for cell in job["cells"]:
         _run_cell(cell, namespace, own=cell["number"] == job["own"])
     try:
@@ -183,7 +183,7 @@ def _limit(seconds: float, gigabytes: float) -> None:
     signal.signal(signal.SIGXCPU, signal.SIG_DFL)
     # When the process that listens is killed, a sleeper would stay for ever.
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.alarm(math.ceil(3 * seconds) + 10)
+    signal.alarm(math.ceil(30 * seconds) + 10)
     if sys.platform == "linux":
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
         space = pages * resource.getpagesize() + int(gigabytes * 1e9)
