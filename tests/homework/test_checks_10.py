@@ -1,0 +1,74 @@
+"""The mistakes that learners make in notebook 10 get a sentence that helps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cotlearn.homework import Verdict, check
+from cotlearn.metrics import mode_entropy
+
+
+def entropy(ways):
+    counts = np.unique(ways, return_counts=True)[1]
+    share = counts / counts.sum()
+    return -(share * np.log(share)).sum() if len(ways) else 0.0
+
+
+def by_share(modes):
+    with np.errstate(all="ignore"):
+        share = np.stack([(modes == way).mean(axis=1) for way in range(3)])
+        return -(share * np.log(share)).sum(axis=0).mean()
+
+
+def clean(points):
+    return [p for p in points if not p.flagged]
+
+
+def least(points, what):
+    return min(points, key=lambda p: getattr(p, what)).name
+
+
+WRONG = [
+    ("10.ways_entropy", lambda m: -mode_entropy(m), "minus sign"),
+    ("10.ways_entropy", lambda m: mode_entropy(m) / np.log(2), "np.log2"),
+    ("10.ways_entropy", lambda m: np.exp(mode_entropy(m)), "perplexity"),
+    ("10.ways_entropy", lambda m: mode_entropy(m) / np.log(3), "not normalised"),
+    ("10.ways_entropy", lambda m: np.mean([entropy(row) for row in m]), "-1 is a failure"),
+    ("10.ways_entropy", lambda m: entropy(m[m >= 0]), "start by start"),
+    (
+        "10.ways_entropy",
+        lambda m: np.mean([entropy(row[row >= 0]) for row in m if (row >= 0).any()]),
+        "counts, with entropy 0",
+    ),
+    ("10.ways_entropy", lambda m: mode_entropy(m) * len(m), "not the sum"),
+    ("10.ways_entropy", by_share, "0 log 0"),
+    ("10.ways_entropy", lambda m: 0.5, "expected"),
+    ("10.ways_entropy", lambda m: m, "one number"),
+    ("10.ways_entropy", 1.0, "expected a function"),
+    ("10.choose", lambda ps: least(ps, "one_step_variance"), "leave those out"),
+    ("10.choose", lambda ps: least(clean(ps) or ps, "one_step_variance"), "all are flagged"),
+    ("10.choose", lambda ps: least(ps, "skew"), "not the skew"),
+    ("10.choose", lambda ps: "z", "expected"),
+    ("10.choose", "c", "expected a function"),
+]
+
+
+@pytest.mark.parametrize(("name", "answer", "hint"), WRONG)
+def test_a_mistake_gets_a_hint(name, answer, hint, capsys):
+    assert check(answer, name) is Verdict.NOT_YET
+    assert hint in capsys.readouterr().out
+
+
+def the_point(points):
+    best = clean(points)
+    if best:
+        return min(best, key=lambda p: p.one_step_variance)
+    return min(points, key=lambda p: p.skew)
+
+
+@pytest.mark.parametrize(
+    ("name", "answer"), [("10.ways_entropy", mode_entropy), ("10.choose", the_point)]
+)
+def test_other_right_answers_count(name, answer):
+    assert check(answer, name) is Verdict.CORRECT
