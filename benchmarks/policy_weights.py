@@ -9,7 +9,7 @@ k-means, and the numbers of the training windows in 512 of them, so that its pai
 without finding and pairing all.
 
     python benchmarks/policy_weights.py push-t
-    python benchmarks/policy_weights.py arm-ring independent minibatch_ot conditional_ot
+    python benchmarks/policy_weights.py arm-ring independent minibatch_ot conditional_ot residual
     python -m cotlearn.assets
 """
 
