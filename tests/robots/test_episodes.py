@@ -90,7 +90,7 @@ def write_own(path, episodes):
         "episode_ends": episodes.ends,
         "seed": episodes.seed.astype(np.uint32),
     }
-    record.write(path, arrays, {})
+    record.write(path, arrays, {"task": "Push-T"})
     return path
 
 
@@ -106,7 +106,7 @@ def test_foreign_and_damaged_files(episodes, tmp_path):
     with pytest.raises(FileNotFoundError, match="no such file"):
         read(tmp_path / "none.npz")
     np.savez(tmp_path / "foreign.npz", x=np.zeros(3))
-    with pytest.raises(ValueError, match="is not a file of Push-T demonstrations"):
+    with pytest.raises(ValueError, match="is not a file of demonstrations"):
         read(tmp_path / "foreign.npz")
     path = write_own(tmp_path / "demos.npz", episodes)
     data = path.read_bytes()
