@@ -9,8 +9,9 @@ import sys
 
 import typer
 
-from cotlearn.cli import course, demos, homework
+from cotlearn.cli import course, homework
 from cotlearn.cli.bench import bench
+from cotlearn.cli.demos import demos
 from cotlearn.cli.train import train
 
 app = typer.Typer(
@@ -22,7 +23,7 @@ app = typer.Typer(
 )
 app.add_typer(course.app)
 app.add_typer(homework.app)
-app.add_typer(demos.app, name="demos")
+app.command()(demos)
 app.command()(train)
 app.command()(bench)
 

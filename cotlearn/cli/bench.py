@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -13,8 +13,10 @@ from cotlearn.cli import policies
 from cotlearn.cli.terminal import console, stop, stop_interrupted
 
 
+@policies.with_options
 def bench(
     name: policies.Name,
+    options: dict[str, Any],
     methods: Annotated[
         str | None, typer.Option(help="Names with commas between; all without it.")
     ] = None,
@@ -26,13 +28,6 @@ def bench(
     held_out: Annotated[
         int, typer.Option(min=1, help="Demonstrations kept for the energy score.")
     ] = 200,
-    steps: policies.Steps = None,
-    batch_size: policies.Batch = None,
-    clusters: policies.Clusters = None,
-    condition_weight: policies.Weight = None,
-    frame: policies.Frame = None,
-    label: policies.Label = None,
-    network: policies.Network = None,
     data: policies.Data = None,
     folder: Annotated[Path | None, typer.Option(help="Of the cells.")] = None,
     weights: Annotated[Path | None, typer.Option(help="Of policies and checkpoints.")] = None,
@@ -60,16 +55,7 @@ def bench(
         console.print(escape(text))
 
     try:
-        setting = policies.setting(
-            name,
-            steps=steps,
-            batch_size=batch_size,
-            clusters=clusters,
-            condition_weight=condition_weight,
-            frame=frame,
-            label=label,
-            network=network,
-        )
+        setting = policies.setting(name, options)
         if latency:
             benchmark.measure_latency(folder, weights=weights, say=say)
         else:

@@ -10,47 +10,26 @@ from rich.markup import escape
 
 from cotlearn.cli.terminal import console, stop, stop_interrupted, stop_missing
 
-app = typer.Typer(no_args_is_help=True, help="Makes the demonstrations that the course ships.")
 
-Episodes = Annotated[int, typer.Option(min=1, help="How many episodes.")]
-Seed = Annotated[int, typer.Option(min=0, help="Of starts, choices and noise.")]
-Out = Annotated[Path, typer.Option(help="The file to make.")]
-
-
-@app.command("push-t")
-def demos_push_t(
-    episodes: Episodes = 4000, seed: Seed = 0, out: Out = Path("push_t_demos.npz")
+def demos(
+    task: Annotated[
+        str,
+        typer.Argument(
+            help="push-t; arm-ring, where the arm reaches round a pillar; or arm-avoid, where it "
+            "finds its way between two rows of them."
+        ),
+    ],
+    episodes: Annotated[int, typer.Option(min=1, help="How many episodes.")] = 4000,
+    seed: Annotated[int, typer.Option(min=0, help="Of starts, choices and noise.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="The file to make; push_t_demos.npz and so on without it.")
+    ] = None,
 ) -> None:
-    """Records the planned demonstrator of Push-T; goes on where an interrupted recording stopped.
+    """Records the planned demonstrator of a task; goes on where a recording was interrupted.
 
-    The 4000 episodes of the course take about 5 minutes on one core.
+    The 4000 episodes of the course take about 5 minutes for push-t and 2 for the arm, on one core.
     """
-    _record("push-t", episodes, seed, out)
-
-
-@app.command("arm-ring")
-def demos_arm_ring(
-    episodes: Episodes = 4000, seed: Seed = 0, out: Out = Path("arm_ring_demos.npz")
-) -> None:
-    """Records the arm that reaches round a pillar; goes on where a recording was interrupted.
-
-    The 4000 episodes of the course take about 2 minutes on one core.
-    """
-    _record("arm-ring", episodes, seed, out)
-
-
-@app.command("arm-avoid")
-def demos_arm_avoid(
-    episodes: Episodes = 4000, seed: Seed = 0, out: Out = Path("arm_avoid_demos.npz")
-) -> None:
-    """Records the arm between two rows of pillars; goes on where a recording was interrupted.
-
-    The 4000 episodes of the course take about 2 minutes on one core.
-    """
-    _record("arm-avoid", episodes, seed, out)
-
-
-def _record(task: str, episodes: int, seed: int, out: Path) -> None:
+    out = out or Path(f"{task.replace('-', '_')}_demos.npz")
     try:
         from cotlearn.robots.experts.record import record
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -29,15 +32,37 @@ Data = Annotated[
         "Without it those of the course."
     ),
 ]
-Steps = Annotated[int | None, typer.Option(min=1, help="Gradient steps.")]
-Batch = Annotated[int | None, typer.Option(min=1, help="Rows of a gradient step.")]
-Clusters = Annotated[int | None, typer.Option(min=1, help="Of stratified OT.")]
-Weight = Annotated[
-    float | None, typer.Option(min=0, help="Of COT; without it the frontier chooses.")
-]
-Frame = Annotated[str | None, typer.Option(help="What a policy sees and says.")]
-Label = Annotated[str | None, typer.Option(help="intention or action.")]
-Network = Annotated[str | None, typer.Option(help="mlp or unet.")]
+#: Options of `robots.training.Options` that a command can change.
+OPTIONS = {
+    "steps": Annotated[int | None, typer.Option(min=1, help="Gradient steps.")],
+    "batch_size": Annotated[int | None, typer.Option(min=1, help="Rows of a gradient step.")],
+    "clusters": Annotated[int | None, typer.Option(min=1, help="Of stratified OT.")],
+    "condition_weight": Annotated[
+        float | None, typer.Option(min=0, help="Of COT; without it the frontier chooses.")
+    ],
+    "frame": Annotated[str | None, typer.Option(help="What a policy sees and says.")],
+    "label": Annotated[str | None, typer.Option(help="intention or action.")],
+    "network": Annotated[str | None, typer.Option(help="mlp or unet.")],
+}
+
+
+def with_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Gives a command all `OPTIONS`; its argument `options` is a dict of those that were given."""
+    signature = inspect.signature(command, eval_str=True)
+
+    @functools.wraps(command)
+    def with_them(**values: Any) -> None:
+        named = {name: values.pop(name) for name in OPTIONS}
+        command(**values, options={k: v for k, v in named.items() if v is not None})
+
+    own = [p for p in signature.parameters.values() if p.name != "options"]
+    shared = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+        for name, kind in OPTIONS.items()
+    ]
+    with_them.__signature__ = signature.replace(parameters=[*own, *shared])  # type: ignore[attr-defined]
+    with_them.__annotations__ = {p.name: p.annotation for p in [*own, *shared]}
+    return with_them
 
 
 def robots() -> tuple[ModuleType, ModuleType]:
@@ -51,7 +76,7 @@ def robots() -> tuple[ModuleType, ModuleType]:
     return torch, episodes
 
 
-def setting(name: str, **given: Any) -> Setting:
+def setting(name: str, options: dict[str, Any]) -> Setting:
     """The course's setting of this name, with the options that were given.
 
     Raises:
@@ -61,8 +86,7 @@ def setting(name: str, **given: Any) -> Setting:
     from cotlearn.validation import check_choice
 
     found = SETTINGS[check_choice(name, "task", tuple(SETTINGS))]
-    chosen = {key: value for key, value in given.items() if value is not None}
-    return replace(found, options=replace(found.options, **chosen))
+    return replace(found, options=replace(found.options, **options))
 
 
 def demonstrations(data: Path | None, setting: Setting) -> Path:

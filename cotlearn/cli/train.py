@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -13,8 +13,10 @@ from cotlearn.cli import policies
 from cotlearn.cli.terminal import console, stop, stop_interrupted
 
 
+@policies.with_options
 def train(
     name: policies.Name,
+    options: dict[str, Any],
     coupling: Annotated[
         str,
         typer.Option(
@@ -26,13 +28,6 @@ def train(
     episodes: Annotated[
         int | None, typer.Option(min=1, help="Demonstrations to train on; all without it.")
     ] = None,
-    steps: policies.Steps = None,
-    batch_size: policies.Batch = None,
-    clusters: policies.Clusters = None,
-    condition_weight: policies.Weight = None,
-    frame: policies.Frame = None,
-    label: policies.Label = None,
-    network: policies.Network = None,
     data: policies.Data = None,
     out: Annotated[
         Path | None, typer.Option(help="The file to make; NAME.safetensors without it.")
@@ -49,23 +44,17 @@ def train(
     torch.set_num_threads(1)
     out = out or Path(f"{name.replace('-', '_')}.safetensors")
     try:
-        setting = policies.setting(
-            name,
-            steps=steps,
-            batch_size=batch_size,
-            clusters=clusters,
-            condition_weight=condition_weight,
-            frame=frame,
-            label=label,
-            network=network,
-        )
+        setting = policies.setting(name, options)
         chosen = episode_files.read(policies.demonstrations(data, setting))
         if episodes is not None:
             chosen = chosen.select(list(range(min(episodes, len(chosen)))))
-        options = benchmark.with_choice(coupling, chosen, setting.options)
         checkpoint = out.with_name(f"{out.stem}.training.safetensors")
         trained = training.train(
-            coupling, chosen, seed=seed, options=options, checkpoint=checkpoint
+            coupling,
+            chosen,
+            seed=seed,
+            options=benchmark.with_choice(coupling, chosen, setting.options),
+            checkpoint=checkpoint,
         )
     except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
         stop(str(error))

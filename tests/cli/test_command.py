@@ -32,3 +32,18 @@ def test_what_several_commands_say(capsys):
     )
     with pytest.raises(ValueError, match="seeds must be whole numbers with commas between"):
         cli.policies.numbers("1,two", "seeds")
+
+
+def test_a_command_gets_the_shared_options_that_were_given():
+    app, seen = typer.Typer(), []
+
+    @app.command()
+    @cli.policies.with_options
+    def command(name: cli.policies.Name, options: dict, seed: int = 0) -> None:
+        seen.append((name, options, seed))
+
+    CliRunner().invoke(app, ["push-t", "--steps", "7", "--network", "unet", "--seed", "3"])
+    CliRunner().invoke(app, ["push-t"])
+    assert seen == [("push-t", {"steps": 7, "network": "unet"}, 3), ("push-t", {}, 0)]
+    setting = cli.policies.setting("push-t", {"steps": 7})
+    assert setting.options.steps == 7
