@@ -75,6 +75,16 @@ class Match(NamedTuple):
     weight: Tensor | None = None  #: of each row in the loss
 
 
+class StreamOptions(NamedTuple):
+    """What `Coupling.stream` was asked for, checked; `seed` decides all its randomness."""
+
+    batch_size: int
+    ot_batch_size: int
+    source: Source | None
+    seed: int
+    start: int  #: number of the first batch
+
+
 class Coupling:
     """Decides which noise meets which data. A new coupling overrides `match`, and nothing else.
 
@@ -173,27 +183,19 @@ class Coupling:
             )
         check_count(start, "start", minimum=0)
         seed = torch.initial_seed() if generator is None else generator.initial_seed()
-        yield from self.batches(data, batch_size, ot_batch_size, source, seed, start)
+        yield from self.batches(data, StreamOptions(batch_size, ot_batch_size, source, seed, start))
 
-    def batches(
-        self,
-        data: Sampler,
-        batch_size: int,
-        ot_batch_size: int,
-        source: Source | None,
-        seed: int,
-        start: int,
-    ) -> Iterator[Pairs]:
+    def batches(self, data: Sampler, options: StreamOptions) -> Iterator[Pairs]:
         """What `stream` yields, its options checked: draw an OT batch, pair it, cut it up."""
-        per_solve = ot_batch_size // batch_size
-        number, part = divmod(start, per_solve)
+        per_solve = options.ot_batch_size // options.batch_size
+        number, part = divmod(options.start, per_solve)
         while True:
-            rng = generator_for(seed, number)
-            x1, c = data.sample(ot_batch_size, generator=rng)
-            x0 = draw_noise(x1, source, rng)
+            rng = generator_for(options.seed, number)
+            x1, c = data.sample(options.ot_batch_size, generator=rng)
+            x0 = draw_noise(x1, options.source, rng)
             pairs = self(x0, x1, c, generator=rng)
             for k in range(part, per_solve):
-                rows = slice(k * batch_size, (k + 1) * batch_size)
+                rows = slice(k * options.batch_size, (k + 1) * options.batch_size)
                 yield pairs.map(lambda value, rows=rows: value[rows])  # type: ignore[misc]
             number, part = number + 1, 0
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Match, Pairs, Source, generator_for
+from cotlearn.couplings.base import Coupling, Match, Pairs, StreamOptions, generator_for
 from cotlearn.validation import check_same_rows
 
 
@@ -58,18 +58,10 @@ class MadePairs(Coupling):
     def __init__(self, x0: Tensor) -> None:
         self._x0 = x0
 
-    def batches(
-        self,
-        data: Any,
-        batch_size: int,
-        ot_batch_size: int,
-        source: Source | None,
-        seed: int,
-        start: int,
-    ) -> Iterator[Pairs]:
+    def batches(self, data: Any, options: StreamOptions) -> Iterator[Pairs]:
         """Batches of rows drawn with replacement."""
         check_same_rows(self._x0, "x0", data.x1, "x1 of the data")
-        for number in itertools.count(start):
-            rng = generator_for(seed, number)
-            rows = torch.randint(len(data), (batch_size,), generator=rng)
+        for number in itertools.count(options.start):
+            rng = generator_for(options.seed, number)
+            rows = torch.randint(len(data), (options.batch_size,), generator=rng)
             yield Pairs(self._x0[rows], data.x1[rows], data.c[rows], rows, rows)

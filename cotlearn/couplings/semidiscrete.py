@@ -17,6 +17,7 @@ from cotlearn.couplings.base import (
     Match,
     Pairs,
     Source,
+    StreamOptions,
     draw_noise,
     generator_for,
     squared_distances,
@@ -197,23 +198,16 @@ class SemidiscreteOT(Coupling):
         rows = torch.arange(len(x0))
         return Match(rows.numpy(), self._search(x0.to(self._data), rows).numpy())
 
-    def batches(
-        self,
-        data: Any,
-        batch_size: int,
-        ot_batch_size: int,
-        source: Source | None,
-        seed: int,
-        start: int,
-    ) -> Iterator[Pairs]:
+    def batches(self, data: Any, options: StreamOptions) -> Iterator[Pairs]:
         """Batches of fresh noise, with a condition drawn from the data, and what it meets."""
         x1, c = self._whole(data)
-        if not self._is_fitted_to(x1, c) or self._fitted_to not in ((), (source,)):
-            self.fit(x1, c, source=source)
-        for number in itertools.count(start):
-            x0, chosen = self._draw(batch_size, source, generator_for(seed, number))
+        if not self._is_fitted_to(x1, c) or self._fitted_to not in ((), (options.source,)):
+            self.fit(x1, c, source=options.source)
+        for number in itertools.count(options.start):
+            rng = generator_for(options.seed, number)
+            x0, chosen = self._draw(options.batch_size, options.source, rng)
             label = None if c is None else c[chosen]
-            yield Pairs(x0.to(x1.dtype), x1[chosen], label, torch.arange(batch_size), chosen)
+            yield Pairs(x0.to(x1.dtype), x1[chosen], label, torch.arange(len(x0)), chosen)
 
     @property
     def _data(self) -> Tensor:

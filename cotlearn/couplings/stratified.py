@@ -17,6 +17,7 @@ from cotlearn.couplings.base import (
     Pairs,
     Sampler,
     Source,
+    StreamOptions,
     draw_noise,
     generator_for,
     squared_distances,
@@ -100,34 +101,26 @@ class StratifiedOT(Coupling):
         solved = sizes / np.ceil(sizes / self.rows_per_solve)
         return float((sizes * solved).sum() / sizes.sum())
 
-    def batches(
-        self,
-        data: Any,
-        batch_size: int,
-        ot_batch_size: int,
-        source: Source | None,
-        seed: int,
-        start: int,
-    ) -> Iterator[Pairs]:
+    def batches(self, data: Any, options: StreamOptions) -> Iterator[Pairs]:
         """Batches of epochs that are paired whole; an incomplete last batch is left out.
 
         Where the data have fewer rows than a batch, epochs are put together.
         """
         size = self._size(data)
-        epochs = -(-batch_size // size)  # more than one only where the data are small
-        batches = epochs * size // batch_size
-        self._fit(data, seed)
-        number, first = divmod(start, batches)
+        epochs = -(-options.batch_size // size)  # more than one only where the data are small
+        batches = epochs * size // options.batch_size
+        self._fit(data, options.seed)
+        number, first = divmod(options.start, batches)
         while True:
             parts = [
-                self._epoch(data, source, generator_for(seed, number * epochs + k))
+                self._epoch(data, options.source, generator_for(options.seed, number * epochs + k))
                 for k in range(epochs)
             ]
-            rng = generator_for(seed, number, purpose=2)
+            rng = generator_for(options.seed, number, purpose=2)
             order = torch.randperm(epochs * size, generator=rng)
             joined = parts[0] if epochs == 1 else _concatenate(parts)
             for k in range(first, batches):
-                rows = order[k * batch_size : (k + 1) * batch_size]
+                rows = order[k * options.batch_size : (k + 1) * options.batch_size]
                 yield joined.map(lambda value, rows=rows: value[rows])  # type: ignore[misc]
             number, first = number + 1, 0
 
