@@ -145,7 +145,7 @@ def arm_pose(
     ax.scatter(*goal, s=26, color=GOAL_MARK, zorder=3, depthshade=False)
     _draw_arm(ax, skeleton)
     ax.set(xlim=(-0.1, 0.85), ylim=(-0.45, 0.45), zlim=(0.0, 0.8))
-    ax.set_box_aspect((0.95, 0.9, 0.8), zoom=1.5 if bare else 1.0)
+    ax.set_box_aspect((0.95, 0.9, 0.8), zoom=0.85 if above else 1.05 if bare else 1.0)
     ax.view_init(*_LOOK["above" if above else "left"])
     if bare:
         ax.set_axis_off()
@@ -154,6 +154,18 @@ def arm_pose(
     if title is not None:
         ax.set_title(title)
     return ax
+
+
+def arm_space(figure: Figure) -> Any:
+    """3D axes that cover a figure to its edges, for a bare :func:`arm_pose`.
+
+    3D axes draw in a square, so it is as wide as the longer side, and goes beyond the shorter one.
+    """
+    width, height = figure.get_size_inches()
+    side = max(width, height)
+    wide, high = side / width, side / height
+    place = ((1 - wide) / 2, (1 - high) / 2, wide, high)
+    return figure.add_axes(place, projection="3d")
 
 
 def arm_animation(
@@ -174,7 +186,7 @@ def arm_animation(
     if array.ndim != 3 or len(array) == 0:
         raise ValueError(f"points must have shape (T, 10, 3) with T > 0, got {array.shape}")
     figure = _figure((size, 0.8 * size))
-    ax: Any = figure.add_axes((0, 0, 1, 1), projection="3d")
+    ax = arm_space(figure)
     arm_pose(array[0], state, ax=ax, bare=True)
     tips = array[:, -1]
     moving = ax.lines[-_LINES:]

@@ -182,6 +182,41 @@ def test_pictures():
     check_pictures(rendering.backend())
 
 
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("camera", ["front", "above"])
+def test_the_whole_arm_is_in_the_picture(kind, camera):
+    """Places in the picture go from -1 to 1; a joint is 9 cm thick at most."""
+    generator = np.random.default_rng(0)
+    for worlds in (ArmWorlds(range(20), kind), ArmWorlds.at(_ends(generator, kind), kind)):
+        for index in range(20):
+            model, data = worlds.model_and_data(index)
+            at, turn = data.camera(camera).xpos, data.camera(camera).xmat.reshape(3, 3)
+            seen = (rendering.positions(model, data) - at) @ turn
+            reach = -seen[:, 2] * np.tan(np.radians(model.camera(camera).fovy[0] / 2))
+            assert (np.abs(seen[:, 0]) + 0.09 < reach * 4 / 3).all()
+            assert (np.abs(seen[:, 1]) + 0.09 < reach).all()
+
+
+def _ends(generator, kind):
+    """Starts with the tip at the goal."""
+    states = np.array([random_start(generator, kind) for _ in range(20)])
+    states[:, TIP] = states[:, GOAL]
+    return states
+
+
+def test_the_whole_arm_is_in_the_drawing():
+    for camera in ("front", "above"):
+        env = Arm("avoid", render_mode="rgb_array", camera=camera)
+        env.reset(seed=0)
+        model, data = env._worlds.model_and_data(0)
+        painter = rendering.Painter(model, camera=camera, how="matplotlib")
+        image = painter.paint(model, data, env._worlds.states[0])
+        dark = (image.astype(int).sum(axis=-1) < 300) & (np.ptp(image, axis=-1) < 40)
+        assert dark.mean() > 0.005
+        assert not dark[[0, -1]].any()
+        assert not dark[:, [0, -1]].any()
+
+
 def test_a_fresh_process():
     """MuJoCo is imported when a world is made; OSMesa makes pictures where it works, too.
 

@@ -123,13 +123,13 @@ class Painter:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        from cotlearn.plots.arm import arm_pose
+        from cotlearn.plots.arm import arm_pose, arm_space
 
         width, height = self._size
         figure = Figure(figsize=(width / 100, height / 100), dpi=100)
         canvas = FigureCanvasAgg(figure)
-        ax = figure.add_axes((0, 0, 1, 1), projection="3d")
-        arm_pose(points, state, ax=ax, bare=True, above=self._camera == "above")
+        above = self._camera == "above"
+        arm_pose(points, state, ax=arm_space(figure), bare=True, above=above)
         canvas.draw()
         return np.array(canvas.buffer_rgba())[..., :3].copy()
 
