@@ -42,7 +42,9 @@ def save_tensors(path: str | Path, tensors: dict[str, Tensor], about: dict[str, 
     tensors = {name: value.detach().cpu().clone().contiguous() for name, value in tensors.items()}
     record = json.dumps({"about": about, "sha256": _digest(tensors, about)})
     with atomic_path(path) as temporary:
+        mode = temporary.stat().st_mode
         save_file(tensors, temporary, metadata={_KEY: record})
+        temporary.chmod(mode)  # safetensors lets only the owner read
 
 
 def load_tensors(path: str | Path) -> tuple[dict[str, Tensor], dict[str, Any]]:

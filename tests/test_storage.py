@@ -56,6 +56,13 @@ def test_folders_are_made_and_nothing_is_left_behind(tmp_path):
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
+@pytest.mark.skipif(os.name == "nt", reason="permissions of Unix")
+def test_a_file_has_the_permissions_of_any_new_file(path, tmp_path):
+    save_tensors(path, TENSORS, ABOUT)
+    (other := tmp_path / "other").touch()
+    assert path.stat().st_mode == other.stat().st_mode
+
+
 def test_an_error_in_the_middle_keeps_the_old_file(path):
     path.write_text("old")
 

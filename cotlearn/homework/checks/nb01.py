@@ -7,13 +7,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from cotlearn.homework.checks.common import expect_function
 from cotlearn.homework.registry import NotYet, exercise
 
 
 @exercise("01.interpolate")
 def interpolate(answer: Any) -> None:
     """The straight path and its velocity, with one time for each row."""
-    _expect_function(answer)
+    expect_function(answer)
     g = torch.Generator().manual_seed(0)
     for n, d in ((5, 2), (3, 3)):  # in a square batch a forgotten t[:, None] raises nothing
         x0, x1 = torch.randn(n, d, generator=g), torch.randn(n, d, generator=g)
@@ -45,7 +46,7 @@ def interpolate(answer: Any) -> None:
 @exercise("01.velocity_from_end")
 def velocity_from_end(answer: Any) -> None:
     """(end - x) / (1 - t), with one time for each row."""
-    _expect_function(answer)
+    expect_function(answer)
     g = torch.Generator().manual_seed(1)
     for n, d in ((6, 2), (3, 3)):
         x, end = torch.randn(n, d, generator=g), torch.randn(n, d, generator=g)
@@ -72,7 +73,7 @@ def velocity_from_end(answer: Any) -> None:
 @exercise("01.midpoint")
 def midpoint(answer: Any) -> None:
     """nfe / 2 midpoint steps of a field that depends on t and x."""
-    _expect_function(answer)
+    expect_function(answer)
     calls = 0
 
     def velocity(t: Any, x: Tensor) -> Tensor:
@@ -142,11 +143,6 @@ def _midpoint(
         half = x + trial * h * velocity(k * h, x)
         x = (x if back else half) + h * velocity((k + late) * h, half)
     return x
-
-
-def _expect_function(answer: Any) -> None:
-    if not callable(answer):
-        raise NotYet(f"expected a function, got {type(answer).__name__}")
 
 
 def _expect_shape(value: Any, name: str, n: int, d: int, *, note: str = "") -> None:

@@ -9,13 +9,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from cotlearn.homework.checks.common import expect_function
 from cotlearn.homework.registry import NotYet, exercise
 
 
 @exercise("02.transport_cost")
 def transport_cost(answer: Any) -> None:
     """The mean squared distance of a pairing."""
-    _expect_function(answer)
+    expect_function(answer)
     x0, x1 = _points(6, 3, seed=0)
     p = torch.tensor([2, 0, 1, 5, 3, 4])
     value = _number(answer(x0.clone(), x1.clone(), p.clone()))
@@ -42,7 +43,7 @@ def transport_cost(answer: Any) -> None:
 @exercise("02.cheapest_pairing")
 def cheapest_pairing(answer: Any) -> None:
     """The optimal permutation, against all permutations of a few points."""
-    _expect_function(answer)
+    expect_function(answer)
     for seed in range(12):
         x0, x1 = _points(5, 2, seed=seed)
         p = _permutation(answer(x0.clone(), x1.clone()), len(x0))
@@ -71,7 +72,7 @@ def cheapest_pairing(answer: Any) -> None:
 @exercise("02.lost_share")
 def lost_share(answer: Any) -> None:
     """(1 - 1/B)^B."""
-    _expect_function(answer)
+    expect_function(answer)
     for size in (5, 2, 256):  # at 2 several mistakes look alike
         value = _number(answer(size))
         missed = (1 - 1 / size) ** size
@@ -140,8 +141,3 @@ def _number(value: Any) -> float:
 
 def _near(value: float, expected: float) -> bool:
     return math.isclose(value, expected, rel_tol=1e-3, abs_tol=1e-6)
-
-
-def _expect_function(answer: Any) -> None:
-    if not callable(answer):
-        raise NotYet(f"expected a function, got {type(answer).__name__}")

@@ -9,21 +9,15 @@ import numpy as np
 import torch
 from scipy.optimize import linear_sum_assignment
 
+from cotlearn.homework.checks.common import number
 from cotlearn.homework.registry import NotYet, exercise
-
-
-def _number(value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise NotYet(f"return one number, got {type(value).__name__}") from None
 
 
 @exercise("04.candidates")
 def candidates(answer: Any) -> None:
     """1 + (B - 1)/K for several batches and numbers of labels."""
     for B, K in ((256, 4), (64, 64), (1, 10), (1024, 1)):
-        got, expected = _number(answer(B, K)), 1 + (B - 1) / K
+        got, expected = number(answer(B, K)), 1 + (B - 1) / K
         if math.isclose(got, expected, rel_tol=1e-6):
             continue
         if math.isclose(got, B / K, rel_tol=1e-6):
@@ -45,7 +39,7 @@ def balanced_weight(answer: Any) -> None:
         c = torch.randn(40, 3, generator=g)
         sample, condition = torch.cdist(x0, x1), torch.cdist(c, c)
         gamma = float(10 * sample.mean() / condition.mean())
-        got = _number(answer(x0, x1, c))
+        got = number(answer(x0, x1, c))
         if math.isclose(got, gamma**2, rel_tol=1e-3):
             continue
         guesses = {

@@ -8,13 +8,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from cotlearn.homework.checks.common import expect_function, number
 from cotlearn.homework.registry import NotYet, exercise
 
 
 @exercise("05.pair_weights")
 def pair_weights(answer: Any) -> None:
     """floor(B p) rows with the lowest error weigh 1 + boost, then the mean is 1."""
-    _expect_function(answer)
+    expect_function(answer)
     g = torch.Generator().manual_seed(5)
     for rows, fraction, boost in ((10, 0.4, 0.5), (7, 0.5, 1.0), (6, 1.0, 0.5)):
         errors = torch.rand(rows, generator=g) + 0.1
@@ -53,9 +54,9 @@ def pair_weights(answer: Any) -> None:
 @exercise("05.evaluations")
 def evaluations(answer: Any) -> None:
     """B rows at t = 1, and B for each distinct condition at t = 0."""
-    _expect_function(answer)
+    expect_function(answer)
     for rows, conditions in ((64, 4), (64, 1), (256, 10), (64, 64)):
-        value = _number(answer(rows, conditions))
+        value = number(answer(rows, conditions))
         right = rows * (1 + conditions)
         hints = [
             (2 * rows**2, "that is one pair at a time; many of these evaluations are the same"),
@@ -75,7 +76,7 @@ def evaluations(answer: Any) -> None:
 @exercise("05.at_zero")
 def at_zero(answer: Any) -> None:
     """The table of an untrained network that says 0 everywhere is the squared distance."""
-    _expect_function(answer)
+    expect_function(answer)
     g = torch.Generator().manual_seed(6)
     x0, x1 = torch.randn(5, 3, generator=g), 2 * torch.randn(5, 3, generator=g)
     table = answer(x0.clone(), x1.clone())
@@ -103,15 +104,3 @@ def _vector(value: Any, rows: int) -> Tensor:
     if not value.isfinite().all():
         raise NotYet("the weights have NaN or infinite values")
     return value.float()
-
-
-def _number(value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError, RuntimeError):
-        raise NotYet(f"return one number, got {type(value).__name__}") from None
-
-
-def _expect_function(answer: Any) -> None:
-    if not callable(answer):
-        raise NotYet(f"expected a function, got {type(answer).__name__}")

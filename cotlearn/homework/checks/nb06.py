@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from cotlearn.homework.checks.common import expect_function, number
 from cotlearn.homework.registry import NotYet, exercise
 
 Function = Callable[[Tensor], Tensor]
@@ -22,7 +23,7 @@ CONVEX: tuple[tuple[Function, Function], ...] = (
 @exercise("06.start_of_line")
 def start_of_line(answer: Any) -> None:
     """(1 - t) z + t slope(z) = x, to four digits."""
-    _expect_function(answer)
+    expect_function(answer)
     starts = torch.linspace(-1.5, 1.5, 7)
     for t in (0.5, 0.3, 1.0, 0.0):
         for slope, curvature in CONVEX:
@@ -55,12 +56,12 @@ def start_of_line(answer: Any) -> None:
 @exercise("06.uvp")
 def uvp(answer: Any) -> None:
     """100 E|T - T*|^2 / Var, with Var the trace of the covariance of T*."""
-    _expect_function(answer)
+    expect_function(answer)
     g = torch.Generator().manual_seed(6)
     for d in (2, 5):
         truth = torch.randn(40, d, generator=g) * torch.arange(1, d + 1) + 3
         mapped = truth + 0.7 * torch.randn(40, d, generator=g)
-        value = _number(answer(mapped.clone(), truth.clone()))
+        value = number(answer(mapped.clone(), truth.clone()))
         squared = float((mapped - truth).square().sum(dim=1).mean())
         variance = float(truth.var(dim=0).sum())
         right = 100 * squared / variance
@@ -97,9 +98,9 @@ def uvp(answer: Any) -> None:
 @exercise("06.gap")
 def gap(answer: Any) -> None:
     """For Psi(x) = a x^2/2 + b x the Fenchel-Young gap is (a x0 + b - x1)^2/(2 a)."""
-    _expect_function(answer)
+    expect_function(answer)
     for a, b, x0, x1 in ((2.0, 1.0, 0.5, 3.0), (0.5, -1.0, 2.0, 1.5), (3.0, 0.0, -1.0, 2.0)):
-        value = _number(answer(a, b, x0, x1))
+        value = number(answer(a, b, x0, x1))
         psi, conjugate = a * x0**2 / 2 + b * x0, (x1 - b) ** 2 / (2 * a)
         right = psi + conjugate - x0 * x1
         if abs(value - right) < 1e-5 * (1 + abs(right)):
@@ -127,15 +128,3 @@ def _vector(value: Any, rows: int) -> Tensor:
         got = tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
         raise NotYet(f"return a tensor of shape ({rows},), like x, got {got}")
     return value.detach().float()
-
-
-def _number(value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError, RuntimeError):
-        raise NotYet(f"return one number, got {type(value).__name__}") from None
-
-
-def _expect_function(answer: Any) -> None:
-    if not callable(answer):
-        raise NotYet(f"expected a function, got {type(answer).__name__}")

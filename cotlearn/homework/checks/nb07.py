@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cotlearn.homework.checks.common import expect_function, number
 from cotlearn.homework.registry import NotYet, exercise
 
 Array = NDArray[np.float64]
@@ -16,10 +17,10 @@ Array = NDArray[np.float64]
 @exercise("07.perplexity")
 def perplexity(answer: Any) -> None:
     """exp of the entropy, where 0 log 0 = 0."""
-    _expect_function(answer)
+    expect_function(answer)
     for p in ([0.5, 0.5], [0.7, 0.2, 0.1], [0.25, 0.25, 0.5], [1.0, 0.0, 0.0], [0.5, 0, 0.5, 0]):
         array = np.array(p)
-        value = _number(answer(array.copy()))
+        value = number(answer(array.copy()))
         logs = np.log(np.where(array > 0, array, 1))
         entropy = -float((array * logs).sum())
         right = math.exp(entropy)
@@ -43,7 +44,7 @@ def perplexity(answer: Any) -> None:
 @exercise("07.to_body")
 def to_body(answer: Any) -> None:
     """R(-angle) (point - place)."""
-    _expect_function(answer)
+    expect_function(answer)
     points = np.array([[256.0, 256.0], [100.0, 40.0], [300.0, 410.0]])
     for pose in ((200.0, 300.0, 0.0), (256.0, 256.0, math.pi / 2), (120.0, 340.0, 0.7)):
         place, angle = np.array(pose[:2]), pose[2]
@@ -80,15 +81,3 @@ def _points(value: Any, rows: int) -> Array:
     if array.shape != (rows, 2):
         raise NotYet(f"return an array of shape ({rows}, 2), like the points, got {array.shape}")
     return array
-
-
-def _number(value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError, RuntimeError):
-        raise NotYet(f"return one number, got {type(value).__name__}") from None
-
-
-def _expect_function(answer: Any) -> None:
-    if not callable(answer):
-        raise NotYet(f"expected a function, got {type(answer).__name__}")
