@@ -343,6 +343,36 @@ def test_meshes_change_the_looks_and_nothing_else(copy):
     assert np.array_equal(one, other)
 
 
+#: visible meshes of each link in Menagerie's Panda (panda_nohand.xml at 251ca9e)
+PARTS = (11, 1, 1, 4, 4, 3, 17, 8)
+
+
+def test_a_folder_with_as_many_parts_as_the_real_one(copy):
+    """Each mesh has a file and a material of its own; those for contacts have no file here."""
+    root = ElementTree.parse(copy / "panda_nohand.xml").getroot()
+    assets = root.find("asset")
+    for link, parts in enumerate(PARTS):
+        body = root.find(f".//body[@name='link{link}']")
+        for geom in body.findall("geom[@mesh='cube']"):
+            body.remove(geom)
+        for part in range(parts):
+            name = f"link{link}_{part}" if parts > 1 else f"link{link}"
+            (copy / "assets" / f"{name}.obj").write_text(CUBE)
+            ElementTree.SubElement(assets, "mesh", file=f"{name}.obj")
+            ElementTree.SubElement(
+                body, "geom", {"class": "panda/visual"}, mesh=name, material="white"
+            )
+    ElementTree.ElementTree(root).write(copy / "panda_nohand.xml")
+    dressed = compiled(scene(random_start(np.random.default_rng(0), "ring"), model="menagerie"))
+    assert dressed.nmesh == sum(PARTS)
+    for link, parts in enumerate(PARTS):
+        mine = dressed.geom_bodyid == dressed.body(f"link{link}").id
+        meshes = dressed.geom_type[mine] == 7
+        assert meshes.sum() == parts
+        assert (dressed.geom_group[mine][meshes] == 2).all()
+        assert (dressed.geom_group[mine][~meshes] == 3).all()
+
+
 def test_what_is_no_menagerie_is_told(copy, monkeypatch):
     text = (copy / "panda_nohand.xml").read_text()
     (copy / "panda_nohand.xml").write_text(text.replace("link4", "part4"))
