@@ -36,7 +36,7 @@ SETTING = {
     "frontier_repetitions": 2,
 }
 EPISODES = (500, 1000, 3800)
-CLUSTERS = (64, 512, 4096)
+CLUSTERS = (64, 1024, 8192)
 SAMPLERS = tuple(FlowSampler(nfe) for nfe in (1, 2, 16))
 
 
