@@ -2,7 +2,7 @@
 PYTHON ?= python3
 ARGS ?=
 
-.PHONY: help lab test course docs slides homework setup clean
+.PHONY: help lab test course docs slides homework release versions setup clean
 
 help:
 	@echo "make lab      open the course in JupyterLab (ARGS='--port 9999' for its options)"
@@ -11,10 +11,12 @@ help:
 	@echo "make docs     build the site in build/site and check it"
 	@echo "make slides   slides from the notebooks in build/slides (ARGS='00 01' for some)"
 	@echo "make homework student and autograder versions in build/homework (SECRET_SEED=... for your own tests)"
+	@echo "make release  build sdist and wheel in build/release and try them in an empty environment"
+	@echo "make versions unit tests with the oldest and newest dependencies (ARGS='oldest' for one)"
 	@echo "make setup    only set up"
 	@echo "make clean    remove the environment and all results"
 
-lab test course docs slides homework setup:
+lab test course docs slides homework release versions setup:
 	@"$(PYTHON)" course.py $@ $(ARGS)
 
 clean:

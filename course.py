@@ -8,6 +8,8 @@ Usage, on Windows too::
     python course.py docs       build the site in build/site and check it
     python course.py slides     make slides from the notebooks in build/slides
     python course.py homework   make student and autograder versions of the homework, and try them
+    python course.py release    build and try sdist and wheel, in build/release
+    python course.py versions   unit tests with the oldest and the newest supported dependencies
     python course.py setup      only set up
 
 It needs Python 3.11 to 3.13 and its standard library. Everything it writes stays in this folder:
@@ -333,6 +335,16 @@ def homework(python: Path, extra: list[str]) -> int:
     return call([str(python), "-m", "pytest", "-q", *tests], **tools_first())
 
 
+def release(python: Path, extra: list[str]) -> int:
+    """Builds source distribution and wheel, and tries them in an empty environment."""
+    return call([str(python), str(ROOT / "release" / "make.py"), *extra])
+
+
+def versions(python: Path, extra: list[str]) -> int:
+    """Runs the unit tests with the oldest and the newest dependencies."""
+    return call([str(python), str(ROOT / "release" / "versions.py"), *extra])
+
+
 def tools_first() -> dict[str, str]:
     """Returns a PATH on which the environment's commands come first, for `!pip` in a notebook."""
     return {"PATH": str(venv_python().parent) + os.pathsep + os.environ.get("PATH", "")}
@@ -499,6 +511,8 @@ COMMANDS = {
     "docs": docs,
     "slides": slides,
     "homework": homework,
+    "release": release,
+    "versions": versions,
     "setup": None,
 }
 

@@ -1,0 +1,56 @@
+"""What a release needs: one version everywhere, and a wheel that carries the course.
+
+`make release` builds and tries it in an empty environment; here the wheel of this checkout is
+unpacked and tried with the packages of this environment, without the network.
+"""
+
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+import yaml
+
+import cotlearn
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def read(name):
+    return (ROOT / name).read_text("utf-8")
+
+
+def test_the_version_stands_in_one_place_and_the_others_agree():
+    project = tomllib.loads(read("pyproject.toml"))
+    assert project["project"]["dynamic"] == ["version"]
+    assert project["tool"]["hatch"]["version"]["path"] == "cotlearn/__init__.py"
+    [cited] = re.findall(r"^version: (.+)$", read("CITATION.cff"), re.MULTILINE)
+    newest = re.search(r"^## (\S+)", read("CHANGELOG.md"), re.MULTILINE)[1]
+    assert cited == newest == cotlearn.__version__
+
+
+def test_the_citation_is_of_this_project():
+    project = tomllib.loads(read("pyproject.toml"))["project"]
+    citation = yaml.safe_load(read("CITATION.cff"))
+    assert [a["name"] for a in citation["authors"]] == [a["name"] for a in project["authors"]]
+    assert citation["license"] == project["license"].split(" AND ")
+
+
+@pytest.mark.slow
+def test_the_wheel_carries_the_course(tmp_path):
+    pytest.importorskip("hatchling")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    [wheel] = tmp_path.glob("*.whl")
+    assert wheel.name.startswith(f"cotlearn-{cotlearn.__version__}-")
+    assert wheel.stat().st_size < 100e6, "larger than PyPI takes"
+    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
+    (tmp_path / "empty").mkdir()
+    command = [sys.executable, "-I", str(ROOT / "release" / "try_wheel.py"), str(tmp_path / "site")]
+    tried = subprocess.run(
+        command, cwd=tmp_path / "empty", check=False, capture_output=True, text=True
+    )
+    assert tried.returncode == 0, tried.stdout + tried.stderr
