@@ -16,15 +16,13 @@ from typing import Any
 
 import torch
 from cells import RESULTS, Table
+from short_training import train_and_roll
 
 from cotlearn.assets import find_data
 from cotlearn.couplings import StratifiedOT
 from cotlearn.diagnostics import frontier
-from cotlearn.metrics import bootstrap_interval
 from cotlearn.robots.episodes import read, split
-from cotlearn.robots.policies import FlowSampler
-from cotlearn.robots.rollout import rollout
-from cotlearn.robots.training import Options, train
+from cotlearn.robots.training import Options
 
 SETTING = {
     "steps": 5000,
@@ -37,7 +35,6 @@ SETTING = {
 }
 EPISODES = (500, 1000, 3800)
 CLUSTERS = (64, 1024, 8192)
-SAMPLERS = tuple(FlowSampler(nfe) for nfe in (1, 2, 16))
 
 
 def main() -> None:
@@ -70,21 +67,18 @@ def main() -> None:
             progress=False,
         )
         point = found.points[0]
-        trained = train("stratified", training, seed=SETTING["seed"], options=options)
-        done = {
-            sampler.name: rollout(
-                trained.policy.with_sampler(sampler), episodes=SETTING["rollouts"]
-            )["coverage"]
-            for sampler in SAMPLERS
-        }
         return {
             "rows": len(data),
-            "coverage": {name: float(values.mean()) for name, values in done.items()},
-            "interval": {name: bootstrap_interval(values) for name, values in done.items()},
+            **train_and_roll(
+                "stratified",
+                training,
+                options,
+                seed=SETTING["seed"],
+                rollouts=SETTING["rollouts"],
+            ),
             "skew": point.skew,
             "one_step_variance": point.one_step_variance,
             "one_step_error": point.one_step_error,
-            "training_seconds": trained.seconds,
         }
 
     keys = [{"episodes": n, "clusters": k} for n in EPISODES for k in CLUSTERS]

@@ -1,0 +1,69 @@
+"""What do the choices made before any coupling give on Push-T?
+
+Flows with independent pairs, each with one choice other than those of `cotlearn bench push-t`: the
+frame, the labels, the scale, the network, the times. One training seed, a third of the
+steps, and starts that no other table reports.
+
+    python benchmarks/push_t_choices.py
+
+writes data/results/push_t_choices.json. An interrupted run goes on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import torch
+from cells import RESULTS, Table
+from short_training import train_and_roll
+
+from cotlearn.assets import find_data
+from cotlearn.robots.episodes import read, split
+from cotlearn.robots.rollout import FRESH
+from cotlearn.robots.training import Options
+
+SETTING = {
+    "method": "independent",
+    "steps": 5000,
+    "batch_size": 256,
+    "seed": 0,
+    "held_out": 200,
+    "rollouts": 100,
+    "first_seed": FRESH + 100_000,
+}
+CHOICES: dict[str, dict[str, Any]] = {
+    "as in the benchmark": {},
+    "frame of the world": {"frame": "world"},
+    "labels: noisy actions": {"label": "action"},
+    "scale: range": {"scale": "range"},
+    "3 in 10 times at t = 0": {"early": 0.3},
+    "temporal U-Net": {"network": "unet"},
+}
+
+
+def main() -> None:
+    """Fills the table."""
+    torch.set_num_threads(1)
+    episodes = read(find_data("push_t_demos.npz"))
+    training, _ = split(episodes, held_out=SETTING["held_out"])
+    table = Table(
+        RESULTS / "push_t_choices.json",
+        question="What do the choices made before any coupling give on Push-T?",
+        protocol={**SETTING, "choices": CHOICES},
+    )
+    common = Options(frame="body", steps=SETTING["steps"], batch_size=SETTING["batch_size"])
+
+    def compute(key: dict[str, Any]) -> dict[str, Any]:
+        return train_and_roll(
+            SETTING["method"],
+            training,
+            replace(common, **CHOICES[key["choice"]]),
+            **{name: SETTING[name] for name in ("seed", "rollouts", "first_seed")},
+        )
+
+    table.fill([{"choice": name} for name in CHOICES], compute)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,38 @@
+"""A Push-T policy trained for a while and rolled out, for the benchmarks of single choices."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cotlearn.metrics import bootstrap_interval
+from cotlearn.robots.episodes import Episodes
+from cotlearn.robots.policies import FlowSampler
+from cotlearn.robots.rollout import FRESH, rollout
+from cotlearn.robots.training import Options, train
+
+SAMPLERS = tuple(FlowSampler(nfe) for nfe in (1, 2, 16))
+
+
+def train_and_roll(
+    method: str,
+    training: Episodes,
+    options: Options,
+    *,
+    seed: int,
+    rollouts: int,
+    first_seed: int = FRESH,
+) -> dict[str, Any]:
+    """Mean best coverage of each sampler with its interval over episodes, and the seconds."""
+    trained = train(method, training, seed=seed, options=options)
+    done = {
+        sampler.name: rollout(
+            trained.policy.with_sampler(sampler), episodes=rollouts, first_seed=first_seed
+        )["coverage"]
+        for sampler in SAMPLERS
+    }
+    return {
+        "coverage": {name: float(values.mean()) for name, values in done.items()},
+        "interval": {name: bootstrap_interval(values) for name, values in done.items()},
+        "parameters": trained.parameters,
+        "training_seconds": trained.seconds,
+    }
