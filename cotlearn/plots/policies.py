@@ -81,7 +81,8 @@ def score_against_latency(
     ylabel: str = "mean best coverage",
     labels: Mapping[str, str] | None = None,
 ) -> Axes:
-    """Plot scores against the milliseconds that a chunk takes; the number is the evaluations.
+    """Plot scores against the milliseconds that a chunk takes; the numbers are
+    the evaluations, where there is room for one.
 
     Args:
         latency: method -> evaluations -> milliseconds, above 0.
@@ -100,6 +101,7 @@ def score_against_latency(
     if not keys or keys != {name: sorted(each) for name, each in scores.items()}:
         raise ValueError("latency and scores must have the same methods and evaluations, and some")
     ax = open_axes(ax, CHART)
+    marks: list[tuple[int, float, float, Any]] = []
     for name, nfes in keys.items():
         means = _means(scores[name], f"scores[{name!r}]")
         x = np.array([latency[name][nfe] for nfe in nfes], dtype=np.float64)
@@ -107,18 +109,29 @@ def score_against_latency(
             raise ValueError(f"latency[{name!r}] must be positive and finite, got {x.tolist()}")
         look = style_of(name)
         ax.plot(x, [means[nfe] for nfe in nfes], label=label_of(name, labels), **look)
-        for nfe, at in zip(nfes, x, strict=True):
-            words: dict[str, Any] = {"fontsize": 7.5, "color": look["color"]}
-            ax.annotate(f"{nfe}", (at, means[nfe]), (3, 4), textcoords="offset points", **words)
+        marks += [(nfe, at, means[nfe], look["color"]) for nfe, at in zip(nfes, x, strict=True)]
     if deadline is not None:
         ax.axvline(deadline, color=SOURCE_COLOR, linestyle=":", linewidth=1.2)
         anchor = (deadline, 0.02)
         ax.annotate(" deadline", anchor, xycoords=("data", "axes fraction"), fontsize=8)
     ax.set_xscale("log")
+    _number(ax, marks)
     ax.grid(True)
     finish(ax, xlabel="milliseconds for a chunk", ylabel=ylabel, title=title)
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return ax
+
+
+def _number(ax: Axes, marks: Sequence[tuple[int, float, float, Any]]) -> None:
+    """Write evaluations (number, x, y, colour) above points, highest first, none on another."""
+    taken: list[NDArray[np.float64]] = []
+    for nfe, x, y, color in sorted(marks, key=lambda mark: -mark[2]):
+        place = ax.transData.transform((x, y)) * 72 / ax.figure.dpi  # points
+        if any((np.abs(place - other) < (14, 11)).all() for other in taken):
+            continue
+        taken.append(place)
+        words: dict[str, Any] = {"fontsize": 7.5, "color": color, "ha": "center"}
+        ax.annotate(f"{nfe}", (x, y), (0, 5), textcoords="offset points", **words)
 
 
 def differences(
