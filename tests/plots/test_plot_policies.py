@@ -53,8 +53,19 @@ def test_latency_has_the_evaluations_written_beside():
     line = line_of(ax, "independent")
     assert np.allclose(line.get_xdata(), [0.4, 0.8])
     assert np.allclose(line.get_ydata(), [0.72, 0.945])
-    assert [t.get_text() for t in ax.texts] == ["1", "2", "100", " deadline"]
+    assert sorted(t.get_text() for t in ax.texts) == [" deadline", "1", "100", "2"]
     assert ax.get_xscale() == "log"
+
+
+def test_numbers_of_evaluations_do_not_stand_on_each_other():
+    latency = {name: {1: 1.0, 16: 8.0} for name in ("independent", "minibatch_ot")}
+    scores = {"independent": {1: [0.50], 16: [0.9]}, "minibatch_ot": {1: [0.505], 16: [0.3]}}
+    ax = plots.score_against_latency(latency, scores)
+    assert [(t.get_text(), t.xy) for t in ax.texts] == [
+        ("16", (8.0, 0.9)),
+        ("1", (1.0, 0.505)),
+        ("16", (8.0, 0.3)),
+    ]
 
 
 def test_differences_stand_beside_zero_and_the_margin():
