@@ -10,7 +10,7 @@ Importing this package registers the environments with gymnasium::
 
 import gymnasium
 
-from cotlearn.robots.arm import task as arm
+from cotlearn.robots.arm import task as _arm
 from cotlearn.robots.push_t.task import MAX_STEPS
 
 gymnasium.register(
@@ -19,10 +19,10 @@ gymnasium.register(
     max_episode_steps=MAX_STEPS,
 )
 
-for _kind in arm.KINDS:
+for _kind in _arm.KINDS:
     gymnasium.register(
         id=f"cotlearn/Arm{_kind.title()}-v0",
         entry_point="cotlearn.robots.arm.environment:Arm",
-        max_episode_steps=arm.MAX_STEPS,
+        max_episode_steps=_arm.MAX_STEPS,
         kwargs={"kind": _kind},
     )
