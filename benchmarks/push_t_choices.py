@@ -1,8 +1,8 @@
 """What do the choices made before any coupling give on Push-T?
 
-Flows with independent pairs, each with one choice other than those of `cotlearn bench push-t`: the
-frame, the labels, the scale, the network, the times. One training seed, a third of the
-steps, and starts that no other table reports.
+Flows with one choice other than those of `cotlearn bench push-t` (the frame, the labels, the scale,
+the times, the network), each with independent and with stratified pairs: what does a coupling add to
+the choice? One training seed, a third of the steps, and starts that no other table reports.
 
     python benchmarks/push_t_choices.py
 
@@ -24,7 +24,6 @@ from cotlearn.robots.rollout import FRESH
 from cotlearn.robots.training import Options
 
 SETTING = {
-    "method": "independent",
     "steps": 5000,
     "batch_size": 256,
     "seed": 0,
@@ -56,13 +55,14 @@ def main() -> None:
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
         return train_and_roll(
-            SETTING["method"],
+            key["method"],
             training,
             replace(common, **CHOICES[key["choice"]]),
             **{name: SETTING[name] for name in ("seed", "rollouts", "first_seed")},
         )
 
-    table.fill([{"choice": name} for name in CHOICES], compute)
+    methods = ("independent", "stratified")
+    table.fill([{"choice": name, "method": each} for name in CHOICES for each in methods], compute)
 
 
 if __name__ == "__main__":
