@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from cotlearn.robots.training import Options
 
@@ -33,6 +33,10 @@ _WHOLE = Options(
     early=0.3,
     clusters=None,
 )
+#: Between two rows of pillars, which always stand nearly alike, the world is as good a frame. The
+#: error at held-out starts decided, after short trainings with independent pairs: energy scores of
+#: .4304 m in the world and .4328 m in the goal frame, and .4275 m with this learning rate.
+_ROWS = replace(_WHOLE, frame="world", learning_rate=3e-3)
 #: Some steps at a time, as on Push-T, in the coordinates of the world.
 _RECEDING = Options(frame="world", steps=6000, width=256, clusters=1024)
 
@@ -40,6 +44,6 @@ SETTINGS = {
     "push-t": Setting("push_t_demos.npz", Options(frame="body")),
     "arm-ring": Setting("arm_ring_demos.npz", _WHOLE),
     "arm-ring-receding": Setting("arm_ring_demos.npz", _RECEDING),
-    "arm-avoid": Setting("arm_avoid_demos.npz", _WHOLE),
+    "arm-avoid": Setting("arm_avoid_demos.npz", _ROWS),
     "arm-avoid-receding": Setting("arm_avoid_demos.npz", _RECEDING),
 }
