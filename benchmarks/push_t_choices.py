@@ -35,8 +35,8 @@ CHOICES: dict[str, dict[str, Any]] = {
     "as in the benchmark": {},
     "frame of the world": {"frame": "world"},
     "labels: noisy actions": {"label": "action"},
-    "scale: range": {"scale": "range"},
     "3 in 10 times at t = 0": {"early": 0.3},
+    "scale: range": {"scale": "range"},
     "temporal U-Net": {"network": "unet"},
 }
 
