@@ -43,7 +43,6 @@ def bench(
     """
     torch, episode_files = policies.robots()
     from cotlearn.robots import benchmark
-    from cotlearn.robots.training import METHODS
 
     torch.set_num_threads(1)
     short = name.replace("-", "_")
@@ -62,7 +61,7 @@ def bench(
             benchmark.bench(
                 episode_files.read(policies.demonstrations(data, setting)),
                 folder=folder,
-                methods=[m.strip() for m in methods.split(",")] if methods else list(METHODS),
+                methods=[m.strip() for m in methods.split(",")] if methods else setting.methods,
                 seeds=policies.numbers(seeds, "seeds"),
                 protocol=benchmark.Protocol(
                     options=setting.options,
@@ -73,7 +72,7 @@ def bench(
                 weights=weights,
                 say=say,
             )
-        benchmark.summarise(folder, path)
+        benchmark.summarise(folder, path, command=f"cotlearn bench {name}")
     except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
         stop(str(error))
     except KeyboardInterrupt:

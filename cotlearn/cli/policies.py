@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 Name = Annotated[
     str,
     typer.Argument(
-        help="push-t, arm-ring, arm-avoid; or arm-ring-receding, arm-avoid-receding, where the arm "
-        "looks again after every few steps."
+        help="push-t, push-t-pixels, arm-ring, arm-avoid; or arm-ring-receding, "
+        "arm-avoid-receding, where the arm looks again after every few steps."
     ),
 ]
 Data = Annotated[

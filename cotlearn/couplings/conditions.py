@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Self
 
 import numpy as np
@@ -20,6 +20,8 @@ from torch import Tensor
 
 from cotlearn.couplings.base import to_numpy
 from cotlearn.validation import check_condition, check_count, check_number, check_same_rows
+
+_VIEWED_AT_ONCE = 4096  #: rows of pictures that are held in memory together
 
 
 def standardise(c: Tensor, *, reference: Tensor | None = None) -> Tensor:
@@ -189,7 +191,8 @@ class PCAKMeansCondition:
                 f"c has {pixels.shape[1]} columns of pixels, this was fitted on "
                 f"{len(fitted['mean'])}"
             )
-        return torch.cat([(pixels - fitted["mean"]) @ fitted["basis"].T, rest], dim=1)
+        mean, basis = fitted["mean"].to(pixels), fitted["basis"].to(pixels)
+        return torch.cat([(pixels - mean) @ basis.T, rest], dim=1)
 
     def labels(self, c: Tensor) -> Tensor:
         """The number of the nearest centroid, (n,)."""
@@ -223,6 +226,66 @@ class PCAKMeansCondition:
             f"PCAKMeansCondition(pixels={self.pixels}, components={self.components}, "
             f"clusters={self.clusters}, seed={self.seed})"
         )
+
+
+class Viewed:
+    """Clusters of what a function makes of the conditions: of pictures, of an encoder's features.
+
+    Args:
+        view: makes a matrix (n, m) of conditions (n, k); stays as it is.
+        clusters: are fitted to the view.
+        rows: at most so many of the training conditions, drawn at random, are viewed for that.
+        seed: of the draw.
+    """
+
+    def __init__(
+        self,
+        view: Callable[[Tensor], Tensor],
+        clusters: KMeansCondition | PCAKMeansCondition,
+        *,
+        rows: int = 20_000,
+        seed: int = 0,
+    ) -> None:
+        if not callable(view):
+            raise TypeError(f"view must be a function of c, got {view!r}")
+        self.view, self.clusters = view, clusters
+        self.rows = check_count(rows, "rows")
+        self.seed = check_count(seed, "seed", minimum=0)
+
+    def fit(self, c: Tensor) -> Self:
+        """Fit the clusters to the view of c (n, k)."""
+        c = check_condition(c)
+        if len(c) > self.rows:
+            rng = torch.Generator().manual_seed(self.seed)
+            c = c[torch.randperm(len(c), generator=rng)[: self.rows].to(c.device)]
+        self.clusters.fit(self._seen(c))
+        return self
+
+    def labels(self, c: Tensor) -> Tensor:
+        """The number of each row's cluster, (n,)."""
+        parts = check_condition(c).split(_VIEWED_AT_ONCE)
+        return torch.cat([self.clusters.labels(self._seen(part)) for part in parts])
+
+    def __call__(self, c: Tensor) -> Tensor:
+        """The centroid of each row, in the space of the view's clusters."""
+        parts = check_condition(c).split(_VIEWED_AT_ONCE)
+        return torch.cat([self.clusters(self._seen(part)) for part in parts])
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """What the clusters fitted."""
+        return self.clusters.state_dict()
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Take back what `state_dict` gave."""
+        self.clusters.load_state_dict(state)
+
+    def _seen(self, c: Tensor) -> Tensor:
+        with torch.no_grad():
+            return check_condition(self.view(c), "view(c)")
+
+    def __repr__(self) -> str:
+        name = getattr(self.view, "__qualname__", None) or repr(self.view)
+        return f"Viewed({name}, {self.clusters!r}, rows={self.rows}, seed={self.seed})"
 
 
 def _mean_and_std(c: Tensor) -> tuple[Tensor, Tensor]:

@@ -23,10 +23,10 @@ from cotlearn.couplings.base import (
     squared_distances,
     to_numpy,
 )
-from cotlearn.couplings.conditions import KMeansCondition, PCAKMeansCondition
+from cotlearn.couplings.conditions import KMeansCondition, PCAKMeansCondition, Viewed
 from cotlearn.validation import check_condition, check_count
 
-Clusters = KMeansCondition | PCAKMeansCondition
+Clusters = KMeansCondition | PCAKMeansCondition | Viewed
 LARGEST_SOLVE = 4096  #: an exact assignment of so many rows takes seconds and 0.3 GB
 
 
@@ -42,8 +42,8 @@ class StratifiedOT(Coupling):
 
     Args:
         clusters: K clusters by k-means on the standardised conditions, fitted anew to the data of
-            each stream; a fitted or unfitted `KMeansCondition` or `PCAKMeansCondition`; or None:
-            one per distinct condition.
+            each stream; a fitted or unfitted `KMeansCondition`, `PCAKMeansCondition` or `Viewed`;
+            or None: one per distinct condition.
         residual: pair x0 with what a linear regression of x1 on c leaves over in the cluster. Where
             x1 follows c inside a cluster, x0 would follow it, too; the residual does not, and
             straightens as much. Which rows meet changes, x1 itself does not.

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor, nn
 
-from cotlearn.validation import check_count
+from cotlearn.validation import check_count, check_dtype
 
 _TIME_FEATURES = 32
 _GROUPS = 8  #: of the group normalisation, as in Diffusion Policy
@@ -29,6 +29,7 @@ class _Network(nn.Module):
         self, t: Tensor | float, x: Tensor, c: Tensor | None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """t as (B,), x, and c as (B, k), with k = 0 where there is no condition."""
+        check_dtype(x, "x", next(self.parameters()).dtype)
         if x.ndim != 2 or x.shape[1] != self.dim:
             raise ValueError(f"x must have shape (rows, {self.dim}), got {tuple(x.shape)}")
         time = torch.as_tensor(t, dtype=x.dtype, device=x.device)
@@ -40,6 +41,8 @@ class _Network(nn.Module):
             raise ValueError(f"this network needs c of shape (rows, {self.condition_dim})")
         if c is not None and not self.condition_dim:
             raise ValueError("this network has condition_dim=0, but got c; pass c=None")
+        if c is not None and not isinstance(c, Tensor):
+            raise TypeError(f"c must be a torch tensor, got {type(c).__name__}")
         if c is not None and c.shape != (len(x), self.condition_dim):
             raise ValueError(
                 f"c must have shape ({len(x)}, {self.condition_dim}), got {tuple(c.shape)}"
@@ -266,6 +269,59 @@ class _FilmBlock(nn.Module):
 def _convolution(before: int, after: int, kernel: int) -> nn.Sequential:
     filters = nn.Conv1d(before, after, kernel, padding=kernel // 2)
     return nn.Sequential(filters, nn.GroupNorm(_GROUPS, after), nn.Mish())
+
+
+class SpatialSoftmax(nn.Module):
+    """Where each channel of (B, C, h, w) is strongest: (B, 2 C), x and y from -1 to 1.
+
+    Every channel is made a distribution over its places, and the mean place is returned: a feature
+    that moves moves the numbers, by less than a cell if need be (Levine 1504.00702).
+    """
+
+    def forward(self, h: Tensor) -> Tensor:
+        """The mean places."""
+        share = h.flatten(2).softmax(dim=2).view(h.shape)
+        down, right = (
+            torch.linspace(-1, 1, n, dtype=h.dtype, device=h.device) for n in h.shape[2:]
+        )
+        return torch.cat([share.sum(dim=2) @ right, share.sum(dim=3) @ down], dim=1)
+
+
+class ImageEncoder(nn.Module):
+    """Convolutions with group normalisation and a spatial softmax, for small pictures.
+
+    Args:
+        features: numbers that a picture becomes.
+        filters: channels of each layer, multiples of 8; the first two layers halve the picture.
+        seed: of the initial weights; torch's global randomness if None.
+    """
+
+    def __init__(
+        self, features: int, *, filters: tuple[int, ...] = (16, 32, 64), seed: int | None = None
+    ) -> None:
+        super().__init__()
+        self.features, self.filters = check_count(features, "features"), tuple(filters)
+        if not filters or any(check_count(f, "filters") % _GROUPS for f in filters):
+            raise ValueError(f"filters must be multiples of {_GROUPS}, got {filters}")
+        with seeded(seed):
+            layers: list[nn.Module] = []
+            for i, (before, after) in enumerate(itertools.pairwise((3, *filters))):
+                kernel, stride = (3 if i else 5), (2 if i < 2 else 1)
+                layers += [
+                    nn.Conv2d(before, after, kernel, stride, padding=kernel // 2),
+                    nn.GroupNorm(_GROUPS, after),
+                    nn.ReLU(),
+                ]
+            self.layers = nn.Sequential(*layers, SpatialSoftmax())
+            self.last = nn.Linear(2 * filters[-1], features)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """(B, features) from images (B, 3, height, width), values from -1 to 1."""
+        if images.ndim != 4 or images.shape[1] != 3:
+            raise ValueError(
+                f"images must have shape (rows, 3, height, width), got {tuple(images.shape)}"
+            )
+        return self.last(self.layers(images))
 
 
 @contextlib.contextmanager

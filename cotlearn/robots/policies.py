@@ -17,9 +17,13 @@ from cotlearn.flows.diffusion import Diffusion, predict
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet
 from cotlearn.flows.solvers import integrate
 from cotlearn.robots.episodes.windows import Windows
+from cotlearn.robots.push_t.camera import Camera
 from cotlearn.robots.task import Array
+from cotlearn.robots.visuomotor import CameraNetwork
 from cotlearn.storage import load_tensors, save_tensors
 from cotlearn.validation import check_count
+
+_FITTED = "fitted."  #: before the names of a coupling's tensors in a file
 
 
 @dataclass(frozen=True)
@@ -129,13 +133,21 @@ class ChunkPolicy:
         windows: frame, horizons and scale.
         sampler: how a chunk is drawn from the network.
         execute: steps of a chunk that are done before the next is drawn.
+        fitted: what the coupling of its training had fitted (`state_dict` of its condition), to be
+            kept with the weights; a policy does not need it to act.
 
     Raises:
         ValueError: the network's sizes or `execute` do not fit the windows.
     """
 
     def __init__(
-        self, network: nn.Module, windows: Windows, sampler: Sampler, *, execute: int = 8
+        self,
+        network: nn.Module,
+        windows: Windows,
+        sampler: Sampler,
+        *,
+        execute: int = 8,
+        fitted: dict[str, Tensor] | None = None,
     ) -> None:
         for name in ("dim", "condition_dim"):
             got, expected = getattr(network, name, None), getattr(windows, name)
@@ -150,10 +162,13 @@ class ChunkPolicy:
             )
         self.network, self.windows = network.eval(), windows
         self.sampler, self.execute = sampler, execute
+        self.fitted = {} if fitted is None else fitted
 
     def with_sampler(self, sampler: Sampler) -> ChunkPolicy:
         """The same network, drawn from in another way."""
-        return ChunkPolicy(self.network, self.windows, sampler, execute=self.execute)
+        return ChunkPolicy(
+            self.network, self.windows, sampler, execute=self.execute, fitted=self.fitted
+        )
 
     def noise(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """What `act` needs for n rows, (draws, n, d).
@@ -161,6 +176,16 @@ class ChunkPolicy:
         The first draw is the same for every sampler, so that policies can be compared on it.
         """
         return torch.randn(self.sampler.draws, n, self.windows.dim, generator=generator)
+
+    @torch.no_grad()
+    def draw(self, noise: Tensor, c: Tensor) -> Tensor:
+        """Chunks (B, d), as the network sees them, from noise (draws, B, d) under conditions c.
+
+        A network with a camera looks once, whatever the number of evaluations.
+        """
+        if isinstance(self.network, CameraNetwork):
+            return self.sampler(self.network.head, noise, self.network.encode(c))
+        return self.sampler(self.network, noise, c)
 
     def chunk(
         self,
@@ -185,7 +210,7 @@ class ChunkPolicy:
             noise = self.noise(len(history), generator)
         elif noise.shape != (expected := (self.sampler.draws, len(history), self.windows.dim)):
             raise ValueError(f"noise must have shape {expected}, got {tuple(noise.shape)}")
-        x = self.sampler(self.network, noise, self.windows.condition(history))
+        x = self.draw(noise, self.windows.condition(history))
         actions = self.windows.actions(x, history)
         if not np.isfinite(actions).all():
             raise RuntimeError("the policy's actions are not finite: the training went wrong")
@@ -224,9 +249,11 @@ class ChunkPolicy:
             half: in 16 bits, which halves the file.
             about: more to remember, JSON-compatible.
         """
+        everything = self.network.state_dict()
+        everything |= {f"{_FITTED}{name}": value for name, value in self.fitted.items()}
         tensors = {
             name: value.half() if half and value.is_floating_point() else value
-            for name, value in self.network.state_dict().items()
+            for name, value in everything.items()
         }
         record = {
             "policy": {
@@ -256,13 +283,16 @@ class ChunkPolicy:
         try:
             stored = record["policy"]
             network = build(**stored["network"])
-            network.load_state_dict({name: value.float() for name, value in tensors.items()})
+            tensors = {name: value.float() for name, value in tensors.items()}
+            fitted = {n: tensors.pop(n) for n in list(tensors) if n.startswith(_FITTED)}
+            network.load_state_dict(tensors)
             sampler = dict(stored["sampler"])
             policy = cls(
                 network.requires_grad_(False),
                 Windows.from_about(stored["windows"]),
                 _SAMPLERS[sampler.pop("kind")](**sampler),
                 execute=stored["execute"],
+                fitted={name.removeprefix(_FITTED): value for name, value in fitted.items()},
             )
             return policy, dict(record["about"])
         except (KeyError, TypeError, RuntimeError) as error:
@@ -279,7 +309,9 @@ def build(kind: str, **sizes: Any) -> nn.Module:
         return ResidualMLP(**sizes)
     if kind == "TemporalUNet":
         return TemporalUNet(**{**sizes, "widths": tuple(sizes["widths"])})
-    raise ValueError(f"kind must be ResidualMLP or TemporalUNet, got {kind!r}")
+    if kind == "CameraNetwork":
+        return CameraNetwork(**{**sizes, "camera": Camera(**sizes["camera"])})
+    raise ValueError(f"kind must be ResidualMLP, TemporalUNet or CameraNetwork, got {kind!r}")
 
 
 def _sizes(network: nn.Module) -> dict[str, Any]:
@@ -305,4 +337,13 @@ def _sizes(network: nn.Module) -> dict[str, Any]:
             "kernel": network.kernel,
             "context": network.context[0].out_features,
         }
-    raise TypeError(f"only a ResidualMLP or a TemporalUNet can be saved, got {kind}")
+    if isinstance(network, CameraNetwork):
+        return {
+            "kind": kind,
+            "camera": asdict(network.camera),
+            "dim": network.dim,
+            "features": network.features,
+            "width": network.head.inner.first.out_features,
+            "blocks": len(network.head.inner.blocks),
+        }
+    raise TypeError(f"a ResidualMLP, TemporalUNet or CameraNetwork can be saved, got {kind}")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from cotlearn.robots.training import Options
+from cotlearn.robots.pixels import CameraOptions
+from cotlearn.robots.training import METHODS, Options
 
 
 @dataclass(frozen=True)
@@ -14,10 +15,12 @@ class Setting:
     Attributes:
         demonstrations: the file in `data/`.
         options: of every training.
+        methods: that are compared.
     """
 
     demonstrations: str
     options: Options
+    methods: tuple[str, ...] = tuple(METHODS)
 
 
 #: The whole way to the goal at once, as ten knots, from where the arm starts.
@@ -40,8 +43,14 @@ _ROWS = replace(_WHOLE, frame="world", learning_rate=3e-3)
 #: Some steps at a time, as on Push-T, in the coordinates of the world.
 _RECEDING = Options(frame="world", steps=6000, width=256, clusters=1024)
 
+#: With a camera, and a smaller budget: a step takes twice as long.
+_CAMERA = CameraOptions(steps=6000, batch_size=128, clusters=1024)
+#: What an hour or two is enough for.
+_MAIN = ("independent", "conditional_ot", "stratified", "minibatch_ot", "diffusion")
+
 SETTINGS = {
     "push-t": Setting("push_t_demos.npz", Options(frame="body")),
+    "push-t-pixels": Setting("push_t_demos.npz", _CAMERA, _MAIN),
     "arm-ring": Setting("arm_ring_demos.npz", _WHOLE),
     "arm-ring-receding": Setting("arm_ring_demos.npz", _RECEDING),
     "arm-avoid": Setting("arm_avoid_demos.npz", _ROWS),

@@ -20,6 +20,8 @@ from cotlearn.couplings import (
     StratifiedOT,
 )
 from cotlearn.couplings.base import generator_for
+from cotlearn.couplings.conditional import BALANCED
+from cotlearn.couplings.conditions import Viewed
 from cotlearn.couplings.reflow import MadePairs
 from cotlearn.datasets import Dataset
 from cotlearn.flows.diffusion import Diffusion, regression_loss
@@ -49,7 +51,7 @@ METHODS = {
     "behaviour_cloning": "regression of the chunk, mean squared error",
     "diffusion": "DDPM with 100 levels",
 }
-NETWORKS = ("mlp", "unet")
+NETWORKS = ("mlp", "unet", "camera")
 _LOSSES: dict[str, Loss] = {"behaviour_cloning": regression_loss, "diffusion": Diffusion().loss}
 
 
@@ -62,7 +64,8 @@ class Options:
         batch_size: rows of a gradient step.
         learning_rate: of Adam, falling to 0 by a cosine.
         ema: decay of the averaged weights.
-        network: "mlp", the residual MLP, or "unet", the temporal U-Net.
+        network: "mlp", the residual MLP; "unet", the temporal U-Net; or, of `CameraOptions` alone,
+            "camera".
         width: of the MLP's layers.
         blocks: of the MLP.
         frame: of the task, see `Windows`; its first if None.
@@ -116,10 +119,32 @@ class Options:
                 f"execute must be at most the {self.predict} predicted steps, got {self.execute}"
             )
 
-    @property
-    def flow_loss(self) -> Loss:
-        """The loss of flows."""
+    def loss_of(self, method: str) -> Loss:
+        """What a method minimises."""
+        if method in _LOSSES:
+            return _LOSSES[method]
         return EarlyFlowMatching(self.early) if self.early else conditional_flow_matching_loss
+
+    def make_network(self, windows: Windows, *, seed: int) -> nn.Module:
+        """A network for chunks and observations of the windows' sizes."""
+        if self.network == "unet":
+            sizes = windows.points, windows.action_dim, windows.condition_dim
+            return TemporalUNet(*sizes, seed=seed)
+        return ResidualMLP(
+            windows.dim, windows.condition_dim, width=self.width, blocks=self.blocks, seed=seed
+        )
+
+    def condition_of(
+        self, method: str, data: Dataset, windows: Windows | None = None
+    ) -> Viewed | None:
+        """What the coupling of a method sees instead of the conditions; None: these themselves.
+
+        Args:
+            method: a key of `METHODS`.
+            data: rows of the windows; what is seen is fitted to them.
+            windows: that made the data.
+        """
+        return None
 
     def fitting(self, episodes: Episodes) -> Options:
         """These options where the episodes have intentions; human demonstrators do not say."""
@@ -186,7 +211,8 @@ def train(
     options = options.fitting(episodes)
     windows = options.windows(episodes)
     data = windows.dataset(episodes, label=options.label)
-    network = make_network(windows, seed=seed, options=options)
+    network = options.make_network(windows, seed=seed)
+    seen = options.condition_of(method, data, windows)
     place = None if checkpoint is None else Path(checkpoint)
     if method == "reflow":
         if teacher is None:
@@ -202,7 +228,7 @@ def train(
         result, seconds = _reflow(teacher.policy.network, data, seed, options, place, progress)
         seconds += teacher.seconds
     else:
-        coupling, loss, seconds = coupling_for(method, options), _LOSSES.get(method), 0.0
+        coupling, loss, seconds = coupling_for(method, options, seen), options.loss_of(method), 0.0
         result = _fit(network, data, coupling, loss, seed, options, place, progress)
     seconds += float(result.history["seconds"][-1])
     policy = ChunkPolicy(
@@ -210,36 +236,29 @@ def train(
         windows,
         sampler_for(method, float(data.x1.abs().max())),
         execute=options.execute,
+        fitted=None if seen is None else seen.state_dict(),
     )
     parameters = sum(p.numel() for p in result.network.parameters())
     return Trained(policy, result.history, seconds, parameters)
 
 
-def make_network(windows: Windows, *, seed: int, options: Options) -> nn.Module:
-    """A network for chunks and observations of the windows' sizes."""
-    if options.network == "unet":
-        sizes = windows.points, windows.action_dim, windows.condition_dim
-        return TemporalUNet(*sizes, seed=seed)
-    return ResidualMLP(
-        windows.dim,
-        windows.condition_dim,
-        width=options.width,
-        blocks=options.blocks,
-        seed=seed,
-    )
+def coupling_for(method: str, options: Options, seen: Viewed | None = None) -> Coupling:
+    """The coupling that a method trains with (reflow: its teacher).
 
-
-def coupling_for(method: str, options: Options) -> Coupling:
-    """The coupling that a method trains with (reflow: its teacher)."""
+    Args:
+        method: a key of `METHODS`.
+        options: of the training.
+        seen: what `options.condition_of` gave for it.
+    """
     if method == "minibatch_ot":
         return MinibatchOT()
     if method == "conditional_ot":
-        weight = options.condition_weight
-        return ConditionalOT() if weight is None else ConditionalOT(weight)
+        weight = BALANCED if options.condition_weight is None else options.condition_weight
+        return ConditionalOT(weight, condition=seen)
     if method in ("stratified", "residual"):
         if options.clusters is None:
             raise ValueError("clusters must be a number by now, got None: see with_choice")
-        return StratifiedOT(options.clusters, residual=method == "residual")
+        return StratifiedOT(seen or options.clusters, residual=method == "residual")
     if method == "aligned":
         return ModelAligned("weighted", warmup_steps=options.steps // 5)
     return Independent()
@@ -256,7 +275,7 @@ def _fit(
     network: nn.Module,
     data: Dataset,
     coupling: Coupling,
-    loss: Loss | None,
+    loss: Loss,
     seed: int,
     options: Options,
     checkpoint: Path | None,
@@ -270,7 +289,7 @@ def _fit(
         batch_size=options.batch_size,
         ot_batch_size=options.ot_batch_size if coupling.uses_ot_batch else None,
         seed=seed,
-        loss=loss or options.flow_loss,
+        loss=loss,
         learning_rate=options.learning_rate,
         ema=options.ema,
         checkpoint=checkpoint,
@@ -298,5 +317,6 @@ def _reflow(
     ]
     made = Dataset(torch.cat(parts), c, name=f"{data.name}, made by a teacher")
     seconds = time.perf_counter() - started
-    result = _fit(teacher, made, MadePairs(x0), None, seed, options, checkpoint, progress)
+    loss = options.loss_of("reflow")
+    result = _fit(teacher, made, MadePairs(x0), loss, seed, options, checkpoint, progress)
     return result, seconds

@@ -19,7 +19,8 @@ from cotlearn.robots.push_t import (
     random_state,
 )
 from cotlearn.robots.push_t.geometry import coverage_of_one
-from cotlearn.robots.push_t.rendering import AGENT, BLOCK, CROSS, OUTLINE, draw
+from cotlearn.robots.push_t.rasteriser import AGENT, BLOCK, OUTLINE
+from cotlearn.robots.push_t.rendering import CROSS, draw
 from cotlearn.robots.push_t.task import AREA, RECTANGLES
 
 assert cotlearn.robots.__doc__
@@ -111,7 +112,7 @@ def test_corners_turn_about_the_middle_of_the_bar():
 
 
 @pytest.mark.filterwarnings("ignore:.*normalized space")
-@pytest.mark.parametrize("obs_type", ["state", "keypoints", "pixels"])
+@pytest.mark.parametrize("obs_type", ["state", "keypoints", "pixels", "pixels_agent_pos"])
 def test_gymnasium_finds_no_fault(obs_type):
     check_env(gymnasium.make(ID, obs_type=obs_type, render_mode="rgb_array").unwrapped)
 
@@ -219,7 +220,7 @@ def test_bad_actions(action, error, message):
 
 
 def test_other_bad_input():
-    with pytest.raises(ValueError, match="obs_type must be one of state, keypoints, pixels; got"):
+    with pytest.raises(ValueError, match="obs_type must be one of state, keypoints, pixels, "):
         gymnasium.make(ID, obs_type="picture")
     with pytest.raises(ValueError, match="render_mode must be one of rgb_array"):
         PushT(render_mode="human")

@@ -195,7 +195,8 @@ def _chosen(
         stored: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         if stored.pop("protocol") == record:
             return stored
-    chosen = choose(method, seen_by(training, options), options)
+    windows = options.fitting(training).windows(training)
+    chosen = choose(method, seen_by(training, options), options, windows=windows)
     write_json(file, {**chosen, "protocol": record})
     return chosen
 

@@ -8,7 +8,7 @@ from typing import Any
 from cotlearn.couplings import Coupling, Independent
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import frontier
-from cotlearn.robots.episodes import Episodes
+from cotlearn.robots.episodes import Episodes, Windows
 from cotlearn.robots.training import Options, coupling_for
 
 #: condition weights, as multiples of the ratio of sample to condition variance
@@ -20,13 +20,27 @@ FRONTIER_ROWS = 4096  #: pairs that are looked at for each value
 _OPEN = {"conditional_ot": "condition_weight", "stratified": "clusters", "residual": "clusters"}
 
 
-def choose(method: str, data: Dataset, options: Options, *, seed: int = 0) -> dict[str, Any]:
+def choose(
+    method: str,
+    data: Dataset,
+    options: Options,
+    *,
+    windows: Windows | None = None,
+    seed: int = 0,
+) -> dict[str, Any]:
     """Chooses the open option of a method, without any training or rollout.
 
     It is the value with the smallest one-step variance whose prior skew is not significant; if all
     are, the least skewed one. (The predicted one-step error, which weighs both in few dimensions,
     says little about chunks: in dozens of dimensions no pair has near neighbours, and it is least
     for independent pairs.)
+
+    Args:
+        method: whose option is open.
+        data: that the training would see.
+        options: of the training.
+        windows: that made the data; only options of a camera need them.
+        seed: of the frontier.
 
     Returns:
         "option", "value", "reason", and the points of the "frontier".
@@ -35,9 +49,13 @@ def choose(method: str, data: Dataset, options: Options, *, seed: int = 0) -> di
     option = _OPEN[method]
     values: list[Any] = _weights(data) if option == "condition_weight" else _strata(data)
     couplings: dict[str, Coupling] = {"independent": Independent()}
+    seen = None
     for value in values:
-        tried: dict[str, Any] = {option: value}
-        couplings[f"{value:g}"] = coupling_for(method, replace(options, **tried))
+        changed: dict[str, Any] = {option: value}
+        tried = replace(options, **changed)
+        if seen is None or option == "clusters":
+            seen = tried.condition_of(method, data, windows)
+        couplings[f"{value:g}"] = coupling_for(method, tried, seen)
     found = frontier(
         data.x1,
         data.c,
@@ -76,7 +94,8 @@ def with_choice(method: str, training: Episodes, options: Options) -> Options:
     """The options, with what the method leaves open chosen by the frontier."""
     if not is_open(method, options):
         return options
-    chosen = choose(method, seen_by(training, options), options)
+    windows = options.fitting(training).windows(training)
+    chosen = choose(method, seen_by(training, options), options, windows=windows)
     return replace(options, **{chosen["option"]: chosen["value"]})
 
 

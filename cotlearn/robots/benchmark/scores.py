@@ -67,7 +67,7 @@ def held_out_score(policy: ChunkPolicy, held: Dataset, *, seed: int = 0) -> floa
     draws: list[Tensor] = []
     for _ in range(SCORED_SAMPLES):
         noise = policy.noise(len(rows), rng)
-        draws.append(policy.sampler(policy.network, noise, c))
+        draws.append(policy.draw(noise, c))
     return energy_score(torch.stack(draws), truth)
 
 

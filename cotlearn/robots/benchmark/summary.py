@@ -21,12 +21,15 @@ REFERENCE = ("independent", "euler-16")  #: what all others are compared to
 Cell = dict[str, Any]
 
 
-def summarise(folder: str | Path, path: str | Path) -> dict[str, Any]:
+def summarise(
+    folder: str | Path, path: str | Path, *, command: str | None = None
+) -> dict[str, Any]:
     """Writes one file about all cells of a folder: means, every seed, intervals, comparisons.
 
     Args:
         folder: of the cells.
         path: the file to write.
+        command: that made the cells; `cotlearn bench` and the task if None.
 
     Returns:
         What was written.
@@ -53,7 +56,7 @@ def summarise(folder: str | Path, path: str | Path) -> dict[str, Any]:
     name = cells[0]["protocol"]["task"]
     summary = {
         "question": f"{name}: how good are policies of each coupling at few evaluations?",
-        "command": f"cotlearn bench {name}",
+        "command": command or f"cotlearn bench {name}",
         "protocol": cells[0]["protocol"],
         "reference": dict(zip(("method", "sampler"), REFERENCE, strict=True)),
         "demonstrations": _demonstrations(Path(folder) / DEMONSTRATED),

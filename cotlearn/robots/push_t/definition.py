@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cotlearn.robots.push_t.frames import BodyFrame, WorldFrame
+from cotlearn.robots.push_t.frames import AgentFrame, BodyFrame, WorldFrame
 from cotlearn.robots.push_t.task import MAX_STEPS, SIZE, SUCCESS
 from cotlearn.robots.push_t.worlds import PushTWorlds
 from cotlearn.robots.task import Task
@@ -19,7 +19,7 @@ PUSH_T = Task(
     state_limits=np.array([[-SIZE] * 4 + [-_TURNS], [2 * SIZE] * 4 + [_TURNS]]),
     action_limits=np.array([[0.0, 0.0], [SIZE, SIZE]]),
     max_steps=MAX_STEPS,
-    frames={"body": BodyFrame(), "world": WorldFrame()},
+    frames={"body": BodyFrame(), "world": WorldFrame(), "agent": AgentFrame()},
     worlds=PushTWorlds,
     score="coverage",
     thresholds={"success_90": ("coverage", 0.90), "success_95": ("coverage", SUCCESS)},

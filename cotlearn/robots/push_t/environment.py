@@ -16,11 +16,11 @@ from cotlearn.robots.push_t.rendering import draw
 from cotlearn.robots.push_t.simulation import Simulation, checked, random_state
 from cotlearn.validation import check_choice
 
-OBSERVATIONS = ("state", "keypoints", "pixels")
+OBSERVATIONS = ("state", "keypoints", "pixels", "pixels_agent_pos")
 PIXELS = 96  #: width and height of an observed picture
 FRAME = 512  #: width and height of a rendered picture
 
-Observation = NDArray[Any] | dict[str, NDArray[np.float64]]
+Observation = NDArray[Any] | dict[str, NDArray[Any]]
 
 
 class PushT(gymnasium.Env[Any, Any]):
@@ -33,7 +33,8 @@ class PushT(gymnasium.Env[Any, Any]):
 
     - "state": (5,) float64, agent x and y, T x, y and angle in [0, 2π);
     - "keypoints": {"environment_state": (16,), "agent_pos": (2,)}, corners of bar and stem;
-    - "pixels": (96, 96, 3) uint8, much like gym-pusht's pictures, but not pixel for pixel.
+    - "pixels": (96, 96, 3) uint8, much like gym-pusht's pictures, but not pixel for pixel;
+    - "pixels_agent_pos": {"pixels": (96, 96, 3), "agent_pos": (2,)}.
 
     The agent can overshoot the edge of the world, and a T that starts in a wall may stick out of
     it, by a few pixels: there an observation lies outside the space that gym-pusht declared.
@@ -43,7 +44,7 @@ class PushT(gymnasium.Env[Any, Any]):
     the share of the goal that is covered.
 
     Args:
-        obs_type: "state", "keypoints" or "pixels".
+        obs_type: "state", "keypoints", "pixels" or "pixels_agent_pos".
         render_mode: "rgb_array" or None. No display is needed.
     """
 
@@ -122,7 +123,10 @@ class PushT(gymnasium.Env[Any, Any]):
         if self.obs_type == "keypoints":
             points = corners(state[2:], task.KEYPOINTS)
             return {"environment_state": points.ravel(), "agent_pos": np.array([agent_x, agent_y])}
-        return draw(state, size=PIXELS)
+        picture = draw(state, size=PIXELS)
+        if self.obs_type == "pixels":
+            return picture
+        return {"pixels": picture, "agent_pos": np.array([agent_x, agent_y])}
 
     def _info(self) -> dict[str, Any]:
         coverage = self._running().coverage
@@ -140,4 +144,8 @@ def _observation_space(obs_type: str) -> spaces.Space[Any]:
                 "agent_pos": spaces.Box(0.0, task.SIZE, shape=(2,), dtype=np.float64),
             }
         )
-    return spaces.Box(0, 255, shape=(PIXELS, PIXELS, 3), dtype=np.uint8)
+    picture = spaces.Box(0, 255, shape=(PIXELS, PIXELS, 3), dtype=np.uint8)
+    if obs_type == "pixels":
+        return picture
+    place = spaces.Box(0.0, task.SIZE, shape=(2,), dtype=np.float64)
+    return spaces.Dict({"pixels": picture, "agent_pos": place})

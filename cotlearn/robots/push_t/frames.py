@@ -1,4 +1,4 @@
-"""Push-T seen from the T, or as it is."""
+"""Push-T seen from the T, from the agent, or as it is."""
 
 from __future__ import annotations
 
@@ -50,6 +50,21 @@ class WorldFrame:
     def out(self, actions: Array, history: Array) -> Array:
         """The actions, as they are."""
         return actions
+
+
+class AgentFrame(WorldFrame):
+    """States as they are, actions as seen from the agent.
+
+    A policy with a camera can have this frame: it knows where its hand is, and not where the T is.
+    """
+
+    def into(self, actions: Array, history: Array) -> Array:
+        """Actions (B, n, 2) less the place of the agent in the last state."""
+        return actions - history[:, -1:, :2]
+
+    def out(self, actions: Array, history: Array) -> Array:
+        """The inverse of `into`."""
+        return actions + history[:, -1:, :2]
 
 
 def _features(agent: Array, place: Array, angle: Array) -> Array:

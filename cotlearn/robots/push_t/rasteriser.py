@@ -1,0 +1,119 @@
+"""Pictures of many states of Push-T at once, from signed distances: no graphics library.
+
+A pixel takes the share clip(1/2 - d, 0, 1) of a shape's colour, d the signed distance of its centre
+to the shape's edge in widths of a pixel: about the share of it that the shape covers. So a shape
+that moves by a tenth of a pixel changes the picture, and 48 x 48 of these pixels show more than as
+many that are on or off.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from torch import Tensor
+
+from cotlearn.robots.push_t import task
+from cotlearn.validation import check_count
+
+Colour = tuple[int, int, int]
+
+WHITE, WALL = (255, 255, 255), (211, 211, 211)
+OUTLINE, BLOCK = (144, 238, 144), (119, 136, 153)  #: goal and T
+AGENT = (65, 105, 225)
+#: The T's rectangles, x1 and y0, y1; both are symmetric in x, and overlap to hide the seam.
+_RECTANGLES = ((task.BAR[1], *task.BAR[2:]), (task.STEM[1], 0.0, task.STEM[3]))
+_AT_ONCE = (
+    2**18
+)  #: pixels that are painted together: what stays in a core's cache is painted faster
+
+
+def rasterise(states: ArrayLike | Tensor, *, size: int = 96) -> Tensor:
+    """Draws states, y pointing down as in gym-pusht's pictures.
+
+    Args:
+        states: (n, 5), agent x and y, T x, y and angle.
+        size: width and height of a picture in pixels.
+
+    Returns:
+        (n, size, size, 3) uint8, on the device of the states.
+
+    Raises:
+        ValueError: the states have another shape or are not finite, or size is below 1.
+    """
+    values = torch.as_tensor(states if isinstance(states, Tensor) else np.asarray(states))
+    if values.ndim != 2 or values.shape[1] != 5:
+        raise ValueError(
+            f"states must have shape (n, 5): agent x, y, T x, y, angle; got {tuple(values.shape)}"
+        )
+    if not torch.isfinite(values).all():
+        raise ValueError("states must be finite, got NaN or infinite values")
+    size = check_count(size, "size")
+    image = torch.empty(len(values), 3, size, size, dtype=torch.uint8, device=values.device)
+    rows = max(1, _AT_ONCE // size**2)
+    for part, some in zip(image.split(rows), values.float().split(rows), strict=True):
+        part.copy_(_painted(some, size))
+    return image.permute(0, 2, 3, 1)
+
+
+def paint(image: Tensor, distance: Tensor, colour: Colour, *, pixel: float) -> Tensor:
+    """Blends a colour in where the signed distance is negative, over one pixel at the edge.
+
+    Args:
+        image: (..., 3, size, size), 0 to 255.
+        distance: (..., size, size), in the unit of `pixel`.
+        colour: red, green and blue.
+        pixel: the width of a pixel.
+    """
+    share = distance.mul(-1 / pixel).add_(0.5).clamp_(0, 1)[..., None, :, :]
+    return torch.lerp(
+        image, torch.tensor(colour, dtype=image.dtype, device=image.device)[:, None, None], share
+    )
+
+
+def _painted(states: Tensor, size: int) -> Tensor:
+    """(n, 3, size, size), whole numbers as float32."""
+    x, y = (centres.to(states.device) for centres in grid(size))
+    pixel = task.SIZE / size
+    image = paint(
+        _background(size).to(states.device), _to_tee(x, y, states[:, 2:]), BLOCK, pixel=pixel
+    )
+    from_x, from_y = x - states[:, 0, None, None], y - states[:, 1, None, None]
+    to_agent = torch.hypot(from_x, from_y) - task.AGENT_RADIUS
+    return paint(image, to_agent, AGENT, pixel=pixel).round_()
+
+
+@functools.lru_cache(maxsize=8)
+def grid(size: int) -> tuple[Tensor, Tensor]:
+    """x of the pixels' columns (1, size), and y of their rows (size, 1), in the world."""
+    centres = (torch.arange(size) + 0.5) * (task.SIZE / size)
+    return centres[None], centres[:, None]
+
+
+@functools.lru_cache(maxsize=8)
+def _background(size: int) -> Tensor:
+    """The goal and the walls, (3, size, size)."""
+    (x, y), pixel = grid(size), task.SIZE / size
+    image = torch.tensor(WHITE, dtype=torch.float32)[:, None, None].expand(3, size, size)
+    image = paint(image, _to_tee(x, y, torch.tensor([task.GOAL]))[0], OUTLINE, pixel=pixel)
+    low, high = task.WALLS
+    lines = [abs(value - end) for value in (x, y) for end in (low, high)]
+    to_line = functools.reduce(torch.minimum, lines)
+    outside = functools.reduce(torch.maximum, (low - x, x - high, low - y, y - high))
+    walls = torch.maximum(to_line, outside) - task.WALL_RADIUS
+    return paint(image, walls, WALL, pixel=pixel)
+
+
+def _to_tee(x: Tensor, y: Tensor, pose: Tensor) -> Tensor:
+    """Signed distances to Ts with poses (n, 3), (n, size, size); at corners, to their sides."""
+    place, angle = pose[:, :2, None, None], pose[:, 2, None, None]
+    cos, sin = torch.cos(angle), torch.sin(angle)
+    x, y = x - place[:, 0], y - place[:, 1]
+    across, along = (cos * x + sin * y).abs_(), cos * y - sin * x
+    parts = []
+    for half, first, last in _RECTANGLES:
+        middle = (along - (first + last) / 2).abs_().sub_((last - first) / 2)
+        parts.append(torch.maximum(across - half, middle))
+    return torch.minimum(*parts)
