@@ -27,6 +27,8 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None) -> Tensor
         raise ValueError(f"{name} must have shape (rows, columns), got {tuple(value.shape)}")
     if value.shape[0] == 0:
         raise ValueError(f"{name} is empty: it has 0 rows")
+    if value.shape[1] == 0 and columns is None:
+        raise ValueError(f"{name} is empty: it has 0 columns")
     if columns is not None and value.shape[1] != columns:
         raise ValueError(f"{name} has {value.shape[1]} columns, expected {columns}")
     if not math.isfinite(value.detach().sum()):  # quick; of large numbers the sum can be infinite
@@ -34,6 +36,14 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None) -> Tensor
         if bad:
             raise ValueError(f"{name} has NaN or infinite values in {bad} of {len(value)} rows")
     return value
+
+
+def check_dtype(value: Tensor, name: str, wanted: torch.dtype) -> None:
+    """Raise TypeError unless `value` is a tensor of the type of the numbers it meets."""
+    if not isinstance(value, Tensor):
+        raise TypeError(f"{name} must be a torch tensor, got {type(value).__name__}")
+    if value.dtype != wanted:
+        raise TypeError(f"{name} must have the type {wanted}, as the weights, got {value.dtype}")
 
 
 def check_condition(value: Any, name: str = "c") -> Tensor:
@@ -54,6 +64,8 @@ def check_condition(value: Any, name: str = "c") -> Tensor:
 
 def check_same_rows(first: Tensor, first_name: str, second: Tensor, second_name: str) -> None:
     """Raise ValueError unless both tensors have the same number of rows."""
+    if not isinstance(second, Tensor) or not second.ndim:  # the first is checked already
+        raise TypeError(f"{second_name} must be a torch tensor with rows, got {second!r}")
     if len(first) != len(second):
         raise ValueError(
             f"{first_name} has {len(first)} rows, {second_name} has {len(second)}: "
