@@ -44,7 +44,7 @@ _ROWS = replace(_WHOLE, frame="world", learning_rate=3e-3)
 _RECEDING = Options(frame="world", steps=6000, width=256, clusters=1024)
 
 #: With a camera, and a smaller budget: a step takes twice as long.
-_CAMERA = CameraOptions(steps=6000, batch_size=128, clusters=1024)
+_CAMERA = CameraOptions(steps=6000, batch_size=128, width=256, clusters=1024)
 #: What an hour or two is enough for.
 _MAIN = ("independent", "conditional_ot", "stratified", "minibatch_ot", "diffusion")
 
