@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from cotlearn.couplings import KMeansCondition, PCAKMeansCondition, combine, standardise
+from cotlearn.couplings import (
+    ConditionalOT,
+    KMeansCondition,
+    PCAKMeansCondition,
+    StratifiedOT,
+    combine,
+    conditions,
+    standardise,
+)
+from cotlearn.couplings.conditions import Viewed
 from cotlearn.storage import load_tensors, save_tensors
 
 
@@ -205,3 +214,54 @@ C = torch.randn(10, 3)
 def test_bad_input(call, error, message):
     with pytest.raises(error, match=message):
         call()
+
+
+# --- clusters of a view ------------------------------------------------------------------------
+
+
+def test_clusters_of_a_view_are_clusters_of_what_it_shows():
+    c = rows(k=2)
+    both = Viewed(torch.Tensor.square, KMeansCondition(5), rows=10_000).fit(c)
+    direct = KMeansCondition(5).fit(c.square())
+    assert torch.equal(both.labels(c), direct.labels(c.square()))
+    assert torch.equal(both(c), direct(c.square()))
+    copied = Viewed(torch.Tensor.square, KMeansCondition(5))
+    copied.load_state_dict(both.state_dict())
+    assert torch.equal(copied.labels(c), both.labels(c))
+
+
+def test_few_rows_are_viewed_to_fit_and_all_of_them_in_parts(monkeypatch):
+    seen = []
+
+    def view(c):
+        seen.append(len(c))
+        return c
+
+    both = Viewed(view, PCAKMeansCondition(components=2, clusters=4), rows=100).fit(rows())
+    assert seen == [100]
+    monkeypatch.setattr(conditions, "_VIEWED_AT_ONCE", 150)
+    assert both.labels(rows()).shape == (400,)
+    assert seen[1:] == [150, 150, 100]
+    again = Viewed(view, PCAKMeansCondition(components=2, clusters=4), rows=100).fit(rows())
+    assert torch.equal(both(rows()), again(rows()))
+
+
+def test_a_view_in_the_couplings():
+    c = rows(k=2)
+    x0, x1 = torch.randn(400, 2, generator=seeded(1)), torch.randn(400, 2, generator=seeded(2))
+    seen = Viewed(torch.Tensor.square, KMeansCondition(4)).fit(c)
+    label = seen.labels(c)
+    pairs = ConditionalOT(math.inf, condition=seen)(x0, x1, c, generator=seeded())
+    assert torch.equal(pairs.c, c[pairs.target_index])
+    pairs = StratifiedOT(seen)(x0, x1, c, generator=seeded())
+    assert torch.equal(label[pairs.source_index], label[pairs.target_index])
+    assert "Viewed(" in repr(StratifiedOT(seen))
+
+
+def test_bad_views():
+    with pytest.raises(TypeError, match="view must be a function"):
+        Viewed(3, KMeansCondition(2))
+    with pytest.raises(ValueError, match="rows must be at least 1"):
+        Viewed(torch.square, KMeansCondition(2), rows=0)
+    with pytest.raises(ValueError, match="not fitted"):
+        Viewed(torch.Tensor.square, KMeansCondition(2)).labels(rows())

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from cotlearn.flows import VelocityMLP
-from cotlearn.flows.networks import ResidualMLP, TemporalUNet
+from cotlearn.flows.networks import ImageEncoder, ResidualMLP, SpatialSoftmax, TemporalUNet
 
 
 @pytest.mark.parametrize(("dim", "condition_dim"), [(1, 0), (2, 4), (7, 1)])
@@ -150,3 +150,30 @@ def test_a_unet_sees_the_neighbouring_times_of_a_chunk():
 def test_bad_input_of_larger_networks(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+# --- pictures ----------------------------------------------------------------------------------
+
+
+def test_spatial_softmax_says_where_a_channel_is_strong():
+    h = torch.full((1, 2, 5, 9), -50.0)
+    h[0, 0, 1, 8] = 50  # second row, last column
+    h[0, 1, 4, 4] = 50
+    x0, x1, y0, y1 = SpatialSoftmax()(h)[0].tolist()
+    assert (x0, x1, y0, y1) == pytest.approx((1.0, 0.0, -0.5, 1.0), abs=1e-5)
+    assert SpatialSoftmax()(torch.zeros(3, 4, 6, 6)).abs().max() < 1e-6  # everywhere: the middle
+
+
+def test_an_encoder_of_pictures():
+    images = torch.rand(3, 3, 32, 32, generator=torch.Generator().manual_seed(0))
+    encoder = ImageEncoder(7, filters=(8, 16, 8), seed=0)
+    features = encoder(images)
+    assert features.shape == (3, 7)
+    assert torch.equal(features, ImageEncoder(7, filters=(8, 16, 8), seed=0)(images))
+    assert torch.allclose(features[1:2], encoder(images[1:2]), atol=1e-6)  # no batch statistics
+    assert (features - encoder(images.roll(2, dims=3))).abs().max() > 1e-3
+    assert ImageEncoder(4)(torch.rand(1, 3, 24, 40)).shape == (1, 4)
+    with pytest.raises(ValueError, match="filters must be multiples of 8"):
+        ImageEncoder(4, filters=(8, 12))
+    with pytest.raises(ValueError, match=r"images must have shape .* got \(3, 32, 32\)"):
+        encoder(images[0])

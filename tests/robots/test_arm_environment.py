@@ -182,6 +182,23 @@ def test_pictures():
     check_pictures(rendering.backend())
 
 
+def test_the_camera_at_the_wrist():
+    """It sees the rod always, and something else from another place; it is not drawn."""
+    env = Arm("avoid", render_mode="rgb_array", width=96, height=96, camera="wrist")
+    start, _ = env.reset(seed=0)
+    if rendering.backend() == "matplotlib":
+        with pytest.raises(RuntimeError, match="camera 'wrist' needs OpenGL"):
+            env.render()
+        return
+    first = env.render().astype(int)
+    env.step((start[TIP] + [0, 0.05, 0.02]).astype(np.float32))
+    second = env.render().astype(int)
+    env.close()
+    assert first.shape == (96, 96, 3)
+    assert (np.abs(first - second).max(axis=2) > 20).mean() > 0.02
+    assert (np.abs(first - second).max(axis=2) < 20).mean() > 0.1
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("camera", ["front", "above"])
 def test_the_whole_arm_is_in_the_picture(kind, camera):

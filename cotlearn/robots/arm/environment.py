@@ -17,7 +17,7 @@ from cotlearn.validation import check_choice, check_count
 
 ACTIONS = ("tip", "joints")
 MODELS = ("capsules", "menagerie")
-CAMERAS = ("front", "above")
+CAMERAS = ("front", "above", "wrist")
 
 
 class Arm(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
@@ -47,7 +47,7 @@ class Arm(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
             `cotlearn.robots.arm.menagerie`). The physics are the same.
         width: of a picture, pixels.
         height: of a picture, pixels.
-        camera: "front" or "above".
+        camera: "front", "above" or "wrist". The last moves with the hand, and needs OpenGL.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": round(1 / task.CONTROL_SECONDS)}  # noqa: RUF012

@@ -25,6 +25,7 @@ Image = NDArray[np.uint8]
 
 BACKENDS = {"Linux": ("egl", "osmesa"), "Darwin": ("cgl",), "Windows": ("glfw",)}
 DRAWN = "matplotlib"
+_DRAWN_CAMERAS = ("front", "above")
 _TRIAL = """
 import importlib, sys, mujoco
 context = importlib.import_module("mujoco." + sys.argv[1]).GLContext(64, 64)
@@ -68,8 +69,11 @@ class Painter:
         model: an `MjModel` of the arm; that of other worlds may differ in its pillars only.
         width: of the pictures, pixels.
         height: of the pictures, pixels.
-        camera: of the model, "front" or "above".
+        camera: of the model, "front", "above" or "wrist".
         how: as in `backend`, which decides if None.
+
+    Raises:
+        RuntimeError: the camera at the wrist, where there is no OpenGL: it is not drawn.
     """
 
     def __init__(
@@ -90,6 +94,11 @@ class Painter:
             except (ImportError, RuntimeError, AttributeError):
                 self.close()  # this process uses another kind of OpenGL already
                 self.how = DRAWN
+        if self.how == DRAWN and camera not in _DRAWN_CAMERAS:
+            raise RuntimeError(
+                f"camera {camera!r} needs OpenGL, which does not work here; "
+                f"{' and '.join(_DRAWN_CAMERAS)} are drawn without"
+            )
 
     def _open(self) -> None:
         engine, (width, height) = mujoco(), self._size
