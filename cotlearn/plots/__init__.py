@@ -8,7 +8,7 @@ the animation. ``style`` says what everything looks like.
 from cotlearn.plots._canvas import PANEL_SIZE, panels
 from cotlearn.plots.arm import arm_animation, arm_paths, arm_paths_3d, arm_pose
 from cotlearn.plots.distributions import bars, histogram
-from cotlearn.plots.images import image_grid
+from cotlearn.plots.images import image_grid, picture_grid
 from cotlearn.plots.lines import curves, error_against_nfe, training_curves
 from cotlearn.plots.motion import Gif, animate, film, gif, gif_bytes
 from cotlearn.plots.pairs import pair_lines, paired_source, source_given_condition
@@ -79,6 +79,7 @@ __all__ = [
     "pair_lines",
     "paired_source",
     "panels",
+    "picture_grid",
     "push_t_animation",
     "push_t_chunks",
     "push_t_episode",

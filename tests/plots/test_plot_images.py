@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 
@@ -30,3 +31,24 @@ def test_what_does_not_fit_is_refused_by_name(words):
     with pytest.raises(ValueError) as caught:
         BAD_CALLS[words]()
     assert words in str(caught.value)
+
+
+def test_pictures_in_colour():
+    pictures = np.zeros((5, 4, 6, 3), dtype=np.uint8)
+    pictures[3] = (10, 20, 30)
+    ax = plots.picture_grid(
+        pictures, columns=3, row_labels=["a", "b"], column_labels=["x", "y", "z"], title="five"
+    )
+    canvas = ax.images[0].get_array()
+    assert canvas.shape == (2 * 5 - 1, 3 * 7 - 1, 3)
+    assert (canvas[5:, :6] == (10, 20, 30)).all()
+    assert (canvas[5:, 14:] == 255).all()  # there is no sixth
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["a", "b"]
+    for message, call in {
+        "pictures has": lambda: plots.picture_grid(np.zeros((3, 4, 4))),
+        "columns is": lambda: plots.picture_grid(pictures, columns=0),
+        "row_labels has": lambda: plots.picture_grid(pictures, columns=5, row_labels=["a", "b"]),
+        "column_labels has": lambda: plots.picture_grid(pictures, columns=5, column_labels=["a"]),
+    }.items():
+        with pytest.raises(ValueError, match=message):
+            call()
