@@ -4,7 +4,13 @@ from cotlearn.couplings.adaptive import AdaptiveConditionalOT
 from cotlearn.couplings.aligned import ModelAligned
 from cotlearn.couplings.base import Coupling, Pairs, Sampler, Source
 from cotlearn.couplings.conditional import ConditionalOT
-from cotlearn.couplings.conditions import KMeansCondition, PCAKMeansCondition, combine, standardise
+from cotlearn.couplings.conditions import (
+    KMeansCondition,
+    PCAKMeansCondition,
+    Viewed,
+    combine,
+    standardise,
+)
 from cotlearn.couplings.independent import Independent
 from cotlearn.couplings.optimal import MinibatchOT
 from cotlearn.couplings.reflow import Reflow
@@ -26,6 +32,7 @@ __all__ = [
     "SemidiscreteOT",
     "Source",
     "StratifiedOT",
+    "Viewed",
     "combine",
     "standardise",
 ]
