@@ -33,7 +33,7 @@ class CameraOptions(Options):
     frame: str | None = "agent"
     size: int = 40
     features: int = 32
-    pose: float = 10.0
+    pose: float = 1000.0
     shift: int = 0
     components: int = 50
     condition_clusters: int = 64

@@ -158,7 +158,7 @@ class CameraLoss:
     """
 
     loss: Loss
-    pose: float = 10.0
+    pose: float = 1000.0
     shift: int = 0
 
     def __call__(self, network: nn.Module, pairs: Pairs, generator: torch.Generator) -> Tensor:
