@@ -15,8 +15,9 @@ def demos(
     task: Annotated[
         str,
         typer.Argument(
-            help="push-t; arm-ring, where the arm reaches round a pillar; or arm-avoid, where it "
-            "finds its way between two rows of them."
+            help="push-t; arm-ring, where the arm reaches round a pillar; arm-avoid, where it "
+            "finds its way between two rows of them; or push-t-pixels, the course's "
+            "demonstrations of push-t as pictures."
         ),
     ],
     episodes: Annotated[int, typer.Option(min=1, help="How many episodes.")] = 4000,
@@ -24,12 +25,17 @@ def demos(
     out: Annotated[
         Path | None, typer.Option(help="The file to make; push_t_demos.npz and so on without it.")
     ] = None,
+    size: Annotated[int, typer.Option(min=1, help="Of the pictures of push-t-pixels.")] = 96,
 ) -> None:
     """Records the planned demonstrator of a task; goes on where a recording was interrupted.
 
     The 4000 episodes of the course take about 5 minutes for push-t and 2 for the arm, on one core.
+    Pictures of 96 x 96 need 2.4 MB of memory an episode: draw some hundreds at once.
     """
     out = out or Path(f"{task.replace('-', '_')}_demos.npz")
+    if task == "push-t-pixels":
+        _draw(out, episodes, size)
+        return
     try:
         from cotlearn.robots.experts.record import record
 
@@ -44,4 +50,23 @@ def demos(
     console.print(
         f"{escape(str(out))}: {about['episodes']} episodes, {about['replaced']} of them a second "
         f"try, {size:.1f} MB"
+    )
+
+
+def _draw(out: Path, episodes: int, size: int) -> None:
+    """Writes pictures of the first demonstrations that come with the course."""
+    try:
+        from cotlearn.assets import find_data
+        from cotlearn.robots.episodes import read, write_pictures
+
+        demonstrations = read(find_data("push_t_demos.npz"))
+        some = demonstrations.select(range(min(episodes, len(demonstrations))))
+        write_pictures(out, some, size=size)
+    except ModuleNotFoundError as error:
+        stop_missing(error.name)
+    except KeyboardInterrupt:
+        stop_interrupted()
+    console.print(
+        f"{escape(str(out))}: {len(some.state)} pictures of {size} x {size}, {len(some)} episodes, "
+        f"{out.stat().st_size / 1e6:.1f} MB"
     )

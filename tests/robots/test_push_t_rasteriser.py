@@ -3,7 +3,11 @@ import math
 import numpy as np
 import pytest
 import torch
+from typer.testing import CliRunner
 
+from cotlearn import cli
+from cotlearn.assets import find_data
+from cotlearn.robots.episodes import read
 from cotlearn.robots.push_t import GOAL, coverage
 from cotlearn.robots.push_t.camera import Camera
 from cotlearn.robots.push_t.rasteriser import AGENT, BLOCK, OUTLINE, WHITE, rasterise
@@ -73,6 +77,20 @@ def test_bad_states():
         rasterise(np.full((1, 5), np.nan))
     with pytest.raises(ValueError, match="size must be"):
         rasterise(np.zeros((1, 5)), size=0)
+
+
+def test_demonstrations_as_pictures(tmp_path):
+    out = tmp_path / "p.npz"
+    arguments = ["demos", "push-t-pixels", "--episodes", "2", "--size", "24", "--out", str(out)]
+    said = CliRunner().invoke(cli.app, arguments)
+    assert said.exit_code == 0, said.output
+    assert "24 x 24, 2 episodes" in said.output.replace("\n", " ")
+    stored = np.load(out, allow_pickle=False)
+    demos = read(find_data("push_t_demos.npz")).select([0, 1])
+    assert np.array_equal(stored["pixels"], rasterise(demos.state, size=24).numpy())
+    assert np.array_equal(stored["episode_ends"], demos.ends)
+    assert np.allclose(stored["agent_pos"], demos.state[:, :2])
+    assert np.allclose(stored["action"], demos.action)
 
 
 # --- the camera ------------------------------------------------------------------------------

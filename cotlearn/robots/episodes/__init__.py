@@ -5,6 +5,7 @@
 
 from cotlearn.robots.episodes.checked import Episodes, split
 from cotlearn.robots.episodes.lerobot import read_lerobot, write_lerobot
+from cotlearn.robots.episodes.pictures import write_pictures
 from cotlearn.robots.episodes.replay import read_replay_buffer
 from cotlearn.robots.episodes.store import read
 from cotlearn.robots.episodes.windows import Windows
@@ -17,4 +18,5 @@ __all__ = [
     "read_replay_buffer",
     "split",
     "write_lerobot",
+    "write_pictures",
 ]
