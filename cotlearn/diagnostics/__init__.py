@@ -7,6 +7,7 @@ from cotlearn.diagnostics.after_training import (
     error_budget,
 )
 from cotlearn.diagnostics.frontier import Frontier, FrontierPoint, frontier
+from cotlearn.diagnostics.linear_skew import LinearSkew, linear_skew
 from cotlearn.diagnostics.recommendation import Recommendation, recommend
 from cotlearn.diagnostics.skew import PriorSkew, prior_skew
 from cotlearn.diagnostics.spread import BetweenWithin, between_within
@@ -17,12 +18,14 @@ __all__ = [
     "ErrorBudget",
     "Frontier",
     "FrontierPoint",
+    "LinearSkew",
     "PriorSkew",
     "Recommendation",
     "between_within",
     "deployment_gap",
     "error_budget",
     "frontier",
+    "linear_skew",
     "prior_skew",
     "recommend",
 ]

@@ -1,0 +1,107 @@
+"""Linear skew: its level, its power in many dimensions, and what it is blind to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from cotlearn.couplings import MinibatchOT, StratifiedOT
+from cotlearn.datasets import Dataset
+from cotlearn.diagnostics import linear_skew, prior_skew
+from cotlearn.mixtures import moving_modes
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def normal(n, d, seed=0):
+    return torch.randn(n, d, generator=seeded(seed))
+
+
+def paired(coupling, data, *, rows, seed=0):
+    stream = coupling.stream(data, batch_size=256, generator=seeded(seed))
+    pairs = [next(stream) for _ in range(rows // 256)]
+    return torch.cat([p.x0 for p in pairs]), torch.cat([p.c for p in pairs])
+
+
+def following(n=10_000, d=20, k=8, noise=0.5, seed=0):
+    """Data in many dimensions that follow a condition in many dimensions."""
+    c = normal(n, k, seed)
+    return Dataset(c @ normal(k, d, 1) + noise * normal(n, d, seed + 1), c)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("shape", [(500, 2, 1), (1000, 16, 8), (600, 1, 3)])
+def test_its_level_is_the_one_it_says(degree, shape):
+    n, d, k = shape
+    found = [
+        linear_skew(normal(n, d, seed), normal(n, k, 1000 + seed).abs(), degree=degree)
+        for seed in range(200)
+    ]
+    p_values = np.array([one.p_value for one in found])
+    assert 0.35 < np.mean(p_values < 0.5) < 0.65
+    assert sum(one.flagged for one in found) <= 9  # 2 expected; more than 9 once in 20,000 times
+    assert abs(np.mean([one.explained for one in found])) < 0.003
+
+
+def test_explained_is_the_share_of_a_regression():
+    c, rest = normal(50_000, 3), normal(50_000, 2, 1)
+    x0 = torch.stack([0.6 * c[:, 0] + 0.8 * rest[:, 0], rest[:, 1]], dim=1)
+    found = linear_skew(x0, c)
+    assert found.flagged
+    assert found.explained == pytest.approx(0.36 / 2, abs=0.01)  # of two columns, one follows c
+    assert linear_skew(c, c).explained == pytest.approx(1)
+
+
+def test_units_and_repeated_columns_do_not_matter():
+    x0, c = paired(MinibatchOT(), following(), rows=4096)
+    same = linear_skew(x0, torch.cat([1e4 * c, c, torch.ones(len(c), 1)], dim=1) + 3)
+    assert same.explained == pytest.approx(linear_skew(x0, c).explained, rel=1e-4)
+
+
+def test_in_many_dimensions_it_sees_what_neighbours_do_not():
+    x0, c = paired(StratifiedOT(256), following(d=40, k=12, noise=8), rows=8192)
+    assert linear_skew(x0, c).p_value < 1e-6
+    assert not prior_skew(x0, c, generator=seeded()).flagged
+
+
+def test_finer_strata_leave_less_of_it():
+    shares = [
+        linear_skew(*paired(coupling, following(), rows=8192)).explained
+        for coupling in (MinibatchOT(), StratifiedOT(16), StratifiedOT(256))
+    ]
+    assert shares[0] > shares[1] > 2 * shares[2] > 0
+
+
+def test_it_is_blind_where_only_the_shape_of_the_noise_depends_on_the_condition():
+    x0, c = paired(MinibatchOT(), moving_modes(), rows=2048)
+    assert not linear_skew(x0, c).flagged
+    assert prior_skew(x0, c, generator=seeded()).flagged
+
+
+def test_degree_two_sees_a_mean_that_bends():
+    c = normal(5000, 2)
+    x0 = 0.3 * (c.square() - 1) + normal(5000, 2, 1)
+    assert not linear_skew(x0, c).flagged
+    assert linear_skew(x0, c, degree=2).flagged
+
+
+def test_a_constant_condition_explains_nothing():
+    found = linear_skew(normal(100, 2), torch.ones(100, 1))
+    assert (found.explained, found.p_value, found.flagged) == (0, 1, False)
+
+
+def test_bad_input_is_named():
+    x0, c = normal(40, 4), normal(40, 9)
+    with pytest.raises(ValueError, match="at least 45 rows for 4 columns of noise and 9 features"):
+        linear_skew(x0, c)
+    with pytest.raises(ValueError, match="degree must be 1 or 2, got 3"):
+        linear_skew(x0, c, degree=3)
+    with pytest.raises(ValueError, match="significance must lie between 0 and 1, got 0"):
+        linear_skew(x0, c, significance=0)
+    with pytest.raises(ValueError, match="c has 39 rows"):
+        linear_skew(x0, c[:39])
+    with pytest.raises(ValueError, match="x0"):
+        linear_skew(x0 * float("nan"), c)
