@@ -1,0 +1,82 @@
+"""Do skews that are computed before training foretell what couplings cost on Push-T?
+
+For each coupling of `cotlearn bench push-t` and of `benchmarks/push_t_strata.py`, the skew of 20,000
+pairs by near neighbours and by regression. Nothing is trained.
+
+    python benchmarks/push_t_skew.py
+
+writes data/results/push_t_skew.json. An interrupted run goes on.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import asdict
+from typing import Any
+
+import torch
+from cells import RESULTS, Table
+from push_t_strata import CLUSTERS, EPISODES
+
+from cotlearn.assets import find_data
+from cotlearn.couplings.base import generator_for
+from cotlearn.diagnostics import linear_skew, prior_skew
+from cotlearn.robots.benchmark.choice import seen_by
+from cotlearn.robots.episodes import read, split
+from cotlearn.robots.training import Options, coupling_for
+
+SETTING = {"rows": 20_000, "batch_size": 512, "seed": 0, "held_out": 200}
+WEIGHTS = (5.33, 16.0, 53.3)  #: what `cotlearn bench push-t` took, 3 and 10 times as much
+EVERY = max(EPISODES)  #: all episodes that are not held out
+
+
+def main() -> None:
+    """Fills the table."""
+    torch.set_num_threads(1)
+    episodes = read(find_data("push_t_demos.npz"))
+    table = Table(
+        RESULTS / "push_t_skew.json",
+        question="Do skews that are computed before training foretell what couplings cost?",
+        protocol=SETTING,
+    )
+
+    def compute(key: dict[str, Any]) -> dict[str, Any]:
+        training, _ = split(episodes, held_out=SETTING["held_out"], train=key["episodes"])
+        value = {key["option"]: key["value"]} if "option" in key else {}
+        options = Options(frame="body", **value)
+        data = seen_by(training, options)
+        stream = coupling_for(key["method"], options).stream(
+            data,
+            batch_size=SETTING["batch_size"],
+            generator=generator_for(SETTING["seed"], 0),
+        )
+        count = SETTING["rows"] // SETTING["batch_size"]
+        pairs = list(itertools.islice(stream, count))
+        x0, c = torch.cat([p.x0 for p in pairs]), torch.cat([p.c for p in pairs])
+        near = prior_skew(x0, c, generator=generator_for(SETTING["seed"], 1))
+        return {
+            "neighbours": asdict(near),
+            "linear": asdict(linear_skew(x0, c)),
+            "quadratic": asdict(linear_skew(x0, c, degree=2)),
+        }
+
+    weight = {"option": "condition_weight"}
+    keys: list[dict[str, Any]] = [
+        {"method": "independent", "episodes": EVERY},
+        {"method": "minibatch_ot", "episodes": EVERY},
+        *({"method": "conditional_ot", "episodes": EVERY, **weight, "value": w} for w in WEIGHTS),
+        *(
+            {"method": method, "episodes": EVERY, "option": "clusters", "value": 4096}
+            for method in ("stratified", "residual")
+        ),
+        *(
+            {"method": "stratified", "episodes": n, "option": "clusters", "value": k}
+            for n in EPISODES
+            for k in CLUSTERS
+        ),
+    ]
+    table.fill(keys, compute)
+
+
+if __name__ == "__main__":
+    main()
