@@ -46,10 +46,9 @@ def demos(
         stop(str(error))
     except KeyboardInterrupt:
         stop_interrupted()
-    size = out.stat().st_size / 1e6
     console.print(
         f"{escape(str(out))}: {about['episodes']} episodes, {about['replaced']} of them a second "
-        f"try, {size:.1f} MB"
+        f"try, {out.stat().st_size / 1e6:.1f} MB"
     )
 
 
