@@ -179,7 +179,13 @@ class AffineFlow:
     def velocity(self, t: float, x: ArrayLike, c: ArrayLike) -> Array:
         """v(t, x, c) for x of shape (n, d) and c of shape (n, k); t in [0, 1]."""
         F, G, f = self.coefficients(_check_time(t))
-        return np.asarray(x) @ F.T + np.asarray(c) @ G.T + f
+        x, c = _finite(x, "x", 2), _finite(c, "c", 2)
+        if x.shape != (len(c), len(F)) or c.shape[1] != G.shape[1]:
+            raise ValueError(
+                f"x must have shape (rows, {len(F)}) and c (rows, {G.shape[1]}), got {x.shape} "
+                f"and {c.shape}"
+            )
+        return x @ F.T + c @ G.T + f
 
     def law_after(self, c: ArrayLike, nfe: int | None = None) -> tuple[Array, Array]:
         """Mean (d,) and covariance (d, d) of the sample for one condition c of shape (k,).
@@ -243,6 +249,8 @@ def bures_map(source: Array, target: Array) -> Array:
     Both are positive definite. The root of R target R, R^2 = source, comes from the singular
     values of R L, L L^T = target: forming the product would lose twice as many digits.
     """
+    source, target = _positive_definite(source, "source"), _positive_definite(target, "target")
+    _check_same_size(source, "source", target, "target")
     root = _sqrtm(source)
     inverse = np.linalg.inv(root)
     U, values, _ = np.linalg.svd(root @ np.linalg.cholesky(target))
@@ -251,6 +259,8 @@ def bures_map(source: Array, target: Array) -> Array:
 
 def bures_squared(first: Array, second: Array) -> float:
     """Squared W2 between N(0, first) and N(0, second)."""
+    first, second = _symmetric(first, "first"), _symmetric(second, "second")
+    _check_same_size(first, "first", second, "second")
     root = _sqrtm(first)
     mixed = _sqrtm(root @ second @ root)
     return max(float(np.trace(first) + np.trace(second) - 2 * np.trace(mixed)), 0.0)
@@ -276,7 +286,12 @@ def _check_time(t: Any) -> float:
 
 
 def _finite(value: Any, name: str, ndim: int, shape: tuple[int, ...] | None = None) -> Array:
-    array = np.asarray(value, dtype=np.float64)
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must hold real numbers, got {value!r}") from None
+    if np.iscomplexobj(value):
+        raise TypeError(f"{name} must hold real numbers, got complex ones")
     if array.ndim != ndim or array.size == 0 or (shape is not None and array.shape != shape):
         expected = f"shape {shape}" if shape else f"{ndim} dimensions and at least one entry"
         raise ValueError(f"{name} must have {expected}, got shape {array.shape}")
@@ -285,8 +300,22 @@ def _finite(value: Any, name: str, ndim: int, shape: tuple[int, ...] | None = No
     return array
 
 
-def _positive_definite(value: Any, name: str, size: int) -> Array:
-    array = _finite(value, name, 2, (size, size))
-    if not np.allclose(array, array.T) or np.linalg.eigvalsh(array).min() <= 0:
+def _check_same_size(first: Array, first_name: str, second: Array, second_name: str) -> None:
+    if first.shape != second.shape:
+        raise ValueError(
+            f"{first_name} has shape {first.shape}, {second_name} {second.shape}: must be the same"
+        )
+
+
+def _symmetric(value: Any, name: str, size: int | None = None) -> Array:
+    array = _finite(value, name, 2, None if size is None else (size, size))
+    if array.shape[0] != array.shape[1] or not np.allclose(array, array.T):
+        raise ValueError(f"{name} must be symmetric, got {array.tolist()}")
+    return array
+
+
+def _positive_definite(value: Any, name: str, size: int | None = None) -> Array:
+    array = _symmetric(value, name, size)
+    if np.linalg.eigvalsh(array).min() <= 0:
         raise ValueError(f"{name} must be symmetric and positive definite, got {array.tolist()}")
     return array

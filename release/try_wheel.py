@@ -103,4 +103,6 @@ if __name__ == "__main__":
     notebooks()
     if "--run" in sys.argv:
         print(command("doctor"))
-        print(command("run", str(Path("my course") / assets.notebooks()[0].name)))
+        print(
+            command("run", "--timeout", "1800", str(Path("my course") / assets.notebooks()[0].name))
+        )

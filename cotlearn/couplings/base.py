@@ -38,6 +38,21 @@ class Pairs:
     target_index: Tensor
     weight: Tensor | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("x0", "x1"):
+            value = getattr(self, name)
+            if not isinstance(value, Tensor) or not value.is_floating_point():
+                got = value.dtype if isinstance(value, Tensor) else type(value).__name__
+                raise TypeError(f"{name} must be a floating-point tensor, got {got}")
+        if self.x0.ndim != 2 or self.x0.shape != self.x1.shape or not self.x0.numel():
+            raise ValueError(
+                "x0 and x1 must have one shape (rows, columns) and not be empty, got "
+                f"{tuple(self.x0.shape)} and {tuple(self.x1.shape)}"
+            )
+        if self.c is not None and (not isinstance(self.c, Tensor) or self.c.ndim != 2):
+            shape = getattr(self.c, "shape", type(self.c).__name__)
+            raise ValueError(f"c must be a tensor of shape (rows, columns), got {shape}")
+
     def __len__(self) -> int:
         return len(self.x0)
 

@@ -168,7 +168,10 @@ class PCAKMeansCondition:
         pixels, _ = self._split(c)
         for name, limit in (("components", min(pixels.shape)), ("clusters", len(c))):
             if getattr(self, name) > limit:
-                raise ValueError(f"{name} must be at most {limit}, got {getattr(self, name)}")
+                raise ValueError(
+                    f"{name} must be at most {limit} for c of shape {tuple(c.shape)}, got "
+                    f"{getattr(self, name)}"
+                )
         pca = PCA(self.components, svd_solver="auto", random_state=self.seed)
         pca.fit(to_numpy(pixels))
         self._fitted = {

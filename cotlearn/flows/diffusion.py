@@ -10,7 +10,14 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Velocity
-from cotlearn.validation import check_choice, check_condition, check_count, check_same_rows
+from cotlearn.validation import (
+    check_choice,
+    check_condition,
+    check_count,
+    check_dtype,
+    check_matrix,
+    check_same_rows,
+)
 
 SPACINGS = ("leading", "trailing")
 LARGEST_BETA = 0.999
@@ -75,6 +82,10 @@ class Diffusion:
             noise: (N - 1, B, d), that noise, drawn before; then no generator is needed.
         """
         _check(x, c)
+        if noise is not None:
+            check_dtype(noise, "noise", x.dtype)
+            if not torch.isfinite(noise).all():
+                raise ValueError("noise has NaN or infinite values")
         if noise is not None and noise.shape != (self.levels - 1, *x.shape):
             raise ValueError(
                 f"noise must have shape {(self.levels - 1, *x.shape)}, got {tuple(noise.shape)}"
@@ -153,6 +164,7 @@ def _squared_cosine(levels: int) -> Tensor:
 
 
 def _check(x: Tensor, c: Tensor | None) -> None:
+    check_matrix(x, "x")
     if c is not None:
         check_same_rows(check_condition(c), "c", x, "x")
 
@@ -164,4 +176,6 @@ def regression_loss(network: Velocity, pairs: Pairs, generator: torch.Generator)
 
 def predict(network: Velocity, x: Tensor, c: Tensor | None) -> Tensor:
     """What a network trained with `regression_loss` predicts; of x only the shape counts."""
+    if not isinstance(x, Tensor):
+        raise TypeError(f"x must be a torch tensor, got {type(x).__name__}")
     return network(torch.zeros((), dtype=x.dtype, device=x.device), torch.zeros_like(x), c)

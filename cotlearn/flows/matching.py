@@ -31,7 +31,19 @@ class Loss(Protocol):
 
 
 def interpolate(x0: Tensor, x1: Tensor, t: Tensor) -> Tensor:
-    """The straight path x_t = (1 - t) x0 + t x1 for t of shape (B,)."""
+    """The straight path x_t = (1 - t) x0 + t x1 for t of shape (B,).
+
+    Raises:
+        TypeError: t is no tensor of real numbers.
+        ValueError: x0 and x1 have different shapes, or t has another number of rows.
+    """
+    if not isinstance(t, Tensor) or not t.is_floating_point():
+        raise TypeError(f"t must be a floating-point tensor, got {t!r}")
+    if x0.shape != x1.shape or x0.ndim < 2 or t.shape != x0.shape[:1]:
+        raise ValueError(
+            f"x0 and x1 must have one shape (rows, columns), and t (rows,): got {tuple(x0.shape)}, "
+            f"{tuple(x1.shape)} and {tuple(t.shape)}"
+        )
     t = t[:, None]
     return (1 - t) * x0 + t * x1
 

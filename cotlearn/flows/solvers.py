@@ -206,6 +206,7 @@ def sampler(
         raise ValueError("dim is missing: the velocity does not say its dimension")
 
     def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        check_condition(c)
         if source is not None:
             noise = source(len(c), generator=generator).to(c.device)
         else:

@@ -48,7 +48,7 @@ def as_classes(c: ArrayLike | Any, rows: int) -> tuple[NDArray[Any] | None, int]
     if c is None:
         return None, 0
     array = as_array(c, "c")
-    if array.ndim not in (1, 2) or len(array) != rows:
+    if array.ndim not in (1, 2) or len(array) != rows or array.shape[-1] == 0:
         raise ValueError(f"c has shape {array.shape}, expected ({rows},) or ({rows}, k)")
     if array.ndim == 2 and array.shape[1] > 1:
         one_hot = np.isin(array, (0.0, 1.0)).all() and (array.sum(1) == 1).all()

@@ -7,6 +7,7 @@ the output is convex in x whatever the values of the parameters. Directly from x
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -21,6 +22,7 @@ from cotlearn.gaussian import bures_map
 from cotlearn.validation import (
     check_condition,
     check_count,
+    check_dtype,
     check_matrix,
     check_number,
     check_same_rows,
@@ -92,6 +94,9 @@ class ConvexPotential(nn.Module):
                 is a leaf that asks for gradients.
         """
         x = check_matrix(x, "x")
+        numbers = next(itertools.chain(self.parameters(), self.buffers()), None)
+        if numbers is not None:
+            check_dtype(x, "x", numbers.dtype)
         if x.shape[1] != self.dim:
             hint = ""
             if self.condition_dim and x.shape[1] == self.dim + self.condition_dim:
@@ -423,7 +428,7 @@ class PICNN(ConvexPotential):
         for _ in range(steps):
             rows = torch.randint(len(x1), (batch_size,), generator=generator)
             noise = torch.randn(batch_size, self.dim, dtype=x1.dtype, generator=generator)
-            noise = noise if x0 is None else x0[rows]
+            noise = noise if x0 is None else x0[rows].to(x1)
             Q, b = self._quadratic(c[rows])
             off = (x1[rows] - b)[:, :, None]
             conjugate = (off.mT @ torch.linalg.solve(Q, off)).sum() / 2

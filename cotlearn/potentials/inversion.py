@@ -203,6 +203,8 @@ def check_times(t: Tensor | float, x: Tensor) -> Tensor:
     Raises:
         ValueError: t is neither a number nor of shape (B,), or not in [0, 1].
     """
+    if not isinstance(x, Tensor) or not x.is_floating_point() or not x.ndim:
+        raise TypeError(f"x must be a floating-point tensor of shape (rows, columns), got {x!r}")
     time = torch.as_tensor(t, dtype=x.dtype, device=x.device).detach()
     if time.ndim > 1 or (time.ndim == 1 and len(time) != len(x)):
         raise ValueError(f"t must be a number or have shape ({len(x)},), got {tuple(time.shape)}")

@@ -16,6 +16,7 @@ from cotlearn.flows.matching import interpolate
 from cotlearn.flows.solvers import ConditionalSampler
 from cotlearn.potentials.convex import ConvexPotential
 from cotlearn.potentials.inversion import check_times, invert, is_small, solve_curvature
+from cotlearn.validation import check_condition, check_same_rows
 
 LINES = 512  #: that an inversion may start from
 
@@ -57,6 +58,7 @@ def optimal_flow_matching_loss_at(
     """`optimal_flow_matching_loss` at given times: a number or shape (B,), in [0, 1]."""
     x0, x1 = pairs.x0, pairs.x1
     c = potential.check(x0, pairs.c)
+    potential.check(x1, c)
     t = check_times(t, x0)
     x_t = interpolate(x0, x1, t)
     z0 = invert(potential, x_t, t, c, start=_near(potential, x0, x_t, t)).z
@@ -88,6 +90,7 @@ def dual_loss(
     """
     x0, x1 = pairs.x0, pairs.x1
     c = potential.check(x0, pairs.c)
+    potential.check(x1, c)
     z = invert(potential, x1, 1.0, c, start=_near(potential, x0, x1, torch.ones_like(x1[:, 0]))).z
     given = potential.given(c)
     conjugate = (x1 * z).sum(dim=1) - given.value(z)
@@ -109,6 +112,8 @@ def dual_objective(
         (B,), differentiable in the parameters.
     """
     c = potential.check(x0, c)
+    potential.check(x1, c)
+    check_same_rows(x1, "x1", x0, "x0")
     z = invert(potential, x1, 1.0, c).z
     given = potential.given(c)
     return given.value(x0) + (x1 * z).sum(dim=1) - given.value(z)
@@ -189,6 +194,7 @@ def map_sampler(potential: ConvexPotential, *, source: Source | None = None) -> 
     """
 
     def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        check_condition(c)
         if source is not None:
             noise = source(len(c), generator=generator)
         else:

@@ -85,7 +85,7 @@ class KnownMap:
         axes = torch.linalg.qr(torch.randn(dim, dim, generator=generator))[0]
         slope = axes * torch.linspace(0.3, 2.0, dim) @ axes.T
         mean = torch.randn(dim, generator=generator)
-        return cls(lambda x: x @ slope + mean, dim, name="gaussian")
+        return cls(lambda x: x @ slope.to(x) + mean.to(x), dim, name="gaussian")
 
     def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, None]:
         """Draw n rows of x1; there is no condition."""
@@ -137,7 +137,7 @@ class ConditionalGaussian:
         """T_c(x0), shape (n, d)."""
         check_same_rows(check_matrix(x0, "x0", columns=self.dim), "x0", c, "c")
         mean, root = self.moments(c)
-        return mean + (root @ x0[:, :, None])[:, :, 0]
+        return mean.to(x0) + (root.to(x0) @ x0[:, :, None])[:, :, 0]
 
     def variance(self) -> float:
         """The trace of S(c), which is the same for every c."""
@@ -149,6 +149,7 @@ class ConditionalGaussian:
 
     def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw one x1 for each row of c, shape (n, d)."""
+        check_matrix(c, "c", columns=1)
         return self.transport(torch.randn(len(c), self.dim, generator=generator), c)
 
     def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:

@@ -71,8 +71,14 @@ class Chain:
 
 
 def forward(joints: ArrayLike) -> Chain:
-    """Forward kinematics of joint angles (n, 7)."""
+    """Forward kinematics of joint angles (n, 7); NaN where an angle is not finite.
+
+    Raises:
+        ValueError: joints have another shape.
+    """
     q = np.asarray(joints, dtype=np.float64)
+    if q.ndim != 2 or q.shape[1] != JOINTS:
+        raise ValueError(f"joints must have shape (n, {JOINTS}), got {q.shape}")
     cos, sin = np.cos(q), np.sin(q)
     turn = np.zeros((len(q), JOINTS, 3, 3))
     turn[..., 0, 0], turn[..., 0, 1] = cos, -sin

@@ -65,5 +65,10 @@ def columns(kind: str) -> tuple[str, ...]:
 
 def pillars(states: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., pillars, 4): x, y, radius and height, from states (..., columns)."""
-    rest = states[..., FIRST_PILLAR:]
+    rest = np.asarray(states)[..., FIRST_PILLAR:] if np.ndim(states) else np.zeros(0)
+    if not rest.size or rest.shape[-1] % 4:
+        raise ValueError(
+            f"states must end in {FIRST_PILLAR} numbers and four for each pillar, got shape "
+            f"{np.shape(states)}"
+        )
     return rest.reshape(*rest.shape[:-1], -1, 4)

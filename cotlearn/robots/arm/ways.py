@@ -24,6 +24,8 @@ def way_round(paths: ArrayLike, kind: str) -> NDArray[np.int64]:
         kind: "ring" or "avoid".
     """
     states = np.asarray(paths, dtype=np.float64)
+    if states.ndim != 3 or len(states) == 0 or states.shape[1] < 2:
+        raise ValueError(f"paths must have shape (n, 2 steps or more, columns): {states.shape}")
     tip = states[..., TIP]
     posts = pillars(states[:, 0])
     if check_choice(kind, "kind", KINDS) == "ring":

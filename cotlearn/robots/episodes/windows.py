@@ -170,6 +170,8 @@ class Windows:
         wanted = np.asarray(actions, dtype=np.float64)
         if wanted.shape != (expected := (len(history), self.predict, self.action_dim)):
             raise ValueError(f"actions must have shape {expected}, got {wanted.shape}")
+        if not np.isfinite(wanted).all():
+            raise ValueError("actions have NaN or infinite values")
         seen = self._at_knots(self._frame.into(wanted, history))
         scaled = _scale(seen, self.action_range)
         return torch.from_numpy(scaled.reshape(len(scaled), -1)).float()
@@ -177,6 +179,8 @@ class Windows:
     def actions(self, x: Tensor, history: ArrayLike) -> Array:
         """Actions (B, predict, A) in the world, not clipped, from chunks x (B, points * A)."""
         history = self.check_history(history)
+        if not isinstance(x, Tensor):
+            raise TypeError(f"x must be a torch tensor, got {type(x).__name__}")
         if x.shape != (len(history), self.dim):
             raise ValueError(f"x must have shape {(len(history), self.dim)}, got {tuple(x.shape)}")
         values = x.detach().to("cpu", torch.float64).numpy()

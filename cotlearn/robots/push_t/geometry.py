@@ -38,9 +38,16 @@ def corners(pose: ArrayLike, points: ArrayLike = OUTLINE) -> Array:
         points: (m, 2), in the frame of the T; by default the corners of its outline.
 
     Returns:
-        (..., m, 2).
+        (..., m, 2); NaN for a pose that is not finite.
+
+    Raises:
+        ValueError: a shape does not fit.
     """
     pose, points = np.asarray(pose, dtype=np.float64), np.asarray(points, dtype=np.float64)
+    if pose.ndim == 0 or pose.shape[-1] != 3 or points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError(
+            f"pose must have shape (..., 3) and points (m, 2), got {pose.shape} and {points.shape}"
+        )
     cos, sin = np.cos(pose[..., 2, None]), np.sin(pose[..., 2, None])
     x = cos * points[:, 0] - sin * points[:, 1] + pose[..., 0, None]
     y = sin * points[:, 0] + cos * points[:, 1] + pose[..., 1, None]

@@ -140,6 +140,8 @@ class Simulations:
         n = len(self.worlds)
         if actions.shape != (n, 2):
             raise ValueError(f"actions have shape {actions.shape}, expected {(n, 2)}")
+        if active is not None and np.shape(active) != (n,):
+            raise ValueError(f"active has shape {np.shape(active)}, expected {(n,)}")
         chosen = np.arange(n) if active is None else np.flatnonzero(active)
         if len(chosen) == 0:
             return

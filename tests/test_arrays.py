@@ -1,0 +1,143 @@
+"""Every public function that takes arrays, given arrays that are wrong or unusual.
+
+It must either work, or raise ValueError or TypeError with the name of an argument; never another
+error, never a silent NaN, and never may it change what it was given.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import re
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from array_cases import CASES
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+
+def spoil(value: Any, kind: str, place: int) -> Any:
+    """A wrong or unusual array instead of a right one; `place` is where, if somewhere."""
+    tensor = isinstance(value, torch.Tensor)
+    array = value.detach().numpy() if tensor else value
+    axis = place % max(array.ndim, 1)
+    if kind == "nan" or kind == "infinite":
+        if array.dtype.kind != "f" or array.size == 0:
+            return value
+        array = array.copy()
+        array.flat[place % array.size] = np.nan if kind == "nan" else (-1) ** place * np.inf
+    elif kind == "shorter":
+        array = np.delete(array, 0, axis=axis) if array.ndim else array
+    elif kind == "longer":
+        array = np.concatenate([array, array], axis=axis) if array.ndim else array[None]
+    elif kind == "empty":
+        array = array.take([], axis=axis) if array.ndim else array[None][:0]
+    elif kind == "one":
+        array = array.take([0], axis=axis) if array.ndim else array
+    elif kind == "flat":
+        array = array.reshape(-1)
+    elif kind == "deeper":
+        array = np.expand_dims(array, axis)
+    elif kind == "number":
+        array = array.reshape(-1)[0]
+    elif kind == "strided":
+        array = np.repeat(array, 2, axis=axis)[(slice(None),) * axis + (slice(None, None, 2),)]
+    elif kind == "turned":
+        array = np.asfortranarray(array)
+    elif kind == "double":
+        array = array.astype(np.float64)
+    elif kind == "half":
+        array = array.astype(np.float16)
+    elif kind == "integers":
+        array = array.astype(np.int64)
+    elif kind == "bools":
+        array = array.astype(bool)
+    elif kind == "complex":
+        array = array.astype(np.complex64)
+    elif kind == "other":  # an array where a tensor is expected, a tensor where an array
+        return np.array(array) if tensor else torch.from_numpy(np.array(array))
+    return torch.as_tensor(array) if tensor else array
+
+
+KINDS = (
+    *("nan", "infinite", "shorter", "longer", "empty", "one", "flat", "deeper", "number"),
+    *("strided", "turned", "double", "half", "integers", "bools", "complex", "other"),
+)
+#: What an array is called where a function hands it on to another, which looks at it.
+HANDED_ON = ("x", "c", "x0", "state")
+SAME = {"strided", "turned"}  # other memory, the same numbers
+
+
+def numbers(value: Any) -> list[Any]:
+    """All numbers in a result, as arrays."""
+    if isinstance(value, torch.Tensor):
+        return [value.detach().resolve_conj().numpy()]
+    if isinstance(value, float | np.ndarray | np.generic):
+        return [np.asarray(value)]
+    if dataclasses.is_dataclass(value):
+        return numbers([getattr(value, f.name) for f in dataclasses.fields(value)])
+    if isinstance(value, dict):
+        return numbers(list(value.values()))
+    if isinstance(value, list | tuple):
+        return [array for item in value for array in numbers(item)]
+    return []
+
+
+def has_nan(value: Any) -> bool:
+    return any(a.dtype.kind == "f" and np.isnan(a).any() for a in numbers(value))
+
+
+def same_bits(a: Any, b: Any) -> bool:
+    if isinstance(a, torch.Tensor):
+        return a.dtype == b.dtype and torch.equal(torch.nan_to_num(a), torch.nan_to_num(b))
+    if isinstance(a, np.ndarray) and a.dtype.kind in "fc":
+        return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=True)
+    return np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b
+
+
+def call(case: Any, arrays: dict[str, Any]) -> Any:
+    """The result, its randomness fixed, without warnings."""
+    torch.manual_seed(0)
+    np.random.seed(0)  # noqa: NPY002
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return case.call(**arrays)
+
+
+@pytest.mark.parametrize(
+    ("name", "argument"), [(name, key) for name, case in CASES.items() for key in case.arrays]
+)
+@settings(derandomize=True, deadline=None, max_examples=2)
+@given(place=st.integers(0, 5))
+def test_a_spoilt_array_works_or_is_refused_by_name(name, argument, place):
+    for kind in KINDS:
+        look(CASES[name], argument, kind, place)
+
+
+def look(case: Any, argument: str, kind: str, place: int) -> None:
+    """One spoilt call."""
+    spoilt = spoil(case.arrays[argument], kind, place)
+    arrays = {**case.arrays, argument: spoilt}
+    before = copy.deepcopy(arrays)
+    refused = result = None
+    try:
+        result = call(case, arrays)
+    except (ValueError, TypeError) as error:
+        refused = error
+    what = f"{argument}, {kind} at {place}"
+    if refused is not None:
+        named = "|".join(map(re.escape, (*case.arrays, *HANDED_ON)))
+        assert re.search(rf"\b({named})\b", str(refused)), f"{what}: no name in {refused!r}"
+        assert kind not in SAME, f"{what}: the same numbers are refused: {refused}"
+    elif argument not in case.bare:
+        assert not has_nan(result), f"{what}: a silent NaN"
+    if kind in SAME:
+        right = numbers(call(case, case.arrays))
+        for a, b in zip(numbers(result), right, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5)
+    for key, value in before.items():
+        assert same_bits(value, arrays[key]), f"{what}: {key} was changed"
