@@ -134,6 +134,10 @@ class Options:
             windows.dim, windows.condition_dim, width=self.width, blocks=self.blocks, seed=seed
         )
 
+    def asks_the_frontier(self, method: str) -> bool:
+        """Whether the frontier chooses what the method leaves open."""
+        return True
+
     def condition_of(
         self, method: str, data: Dataset, windows: Windows | None = None
     ) -> Viewed | None:

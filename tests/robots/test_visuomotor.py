@@ -12,7 +12,7 @@ from cotlearn.couplings.base import generator_for
 from cotlearn.flows.diffusion import Diffusion
 from cotlearn.flows.matching import conditional_flow_matching_loss
 from cotlearn.flows.solvers import integrate
-from cotlearn.robots.benchmark import Protocol, bench, choose, samplers, summarise
+from cotlearn.robots.benchmark import Protocol, bench, choose, samplers, summarise, with_choice
 from cotlearn.robots.pixels import CameraOptions
 from cotlearn.robots.policies import ChunkPolicy, FlowSampler
 from cotlearn.robots.settings import SETTINGS
@@ -196,7 +196,7 @@ def test_bad_options():
         replace(SMALL, size=0)
 
 
-def test_the_frontier_chooses_a_weight_for_pictures(data, windows, monkeypatch):
+def test_the_frontier_can_be_asked_for_pictures(data, windows, monkeypatch):
     from cotlearn.robots.benchmark import choice
 
     monkeypatch.setattr(choice, "FRONTIER_ROWS", 128)
@@ -205,6 +205,9 @@ def test_the_frontier_chooses_a_weight_for_pictures(data, windows, monkeypatch):
     chosen = choose("conditional_ot", data, options, windows=windows)
     assert chosen["option"] == "condition_weight"
     assert len(chosen["frontier"]) == 3
+    assert with_choice("conditional_ot", None, options) is options  # COT Policy's rule
+    seen = options.condition_of("conditional_ot", data, windows)
+    assert coupling_for("conditional_ot", options, seen).condition_weight == "balanced"
 
 
 def test_a_small_bench(episodes, tmp_path, monkeypatch):

@@ -101,7 +101,8 @@ def with_choice(method: str, training: Episodes, options: Options) -> Options:
 
 def is_open(method: str, options: Options) -> bool:
     """Whether the method has an option that is to be chosen."""
-    return method in _OPEN and getattr(options, _OPEN[method]) is None
+    open_ = method in _OPEN and getattr(options, _OPEN[method]) is None
+    return open_ and options.asks_the_frontier(method)
 
 
 def seen_by(training: Episodes, options: Options) -> Dataset:
