@@ -248,6 +248,16 @@ def energy_score(samples: Tensor, truth: Tensor) -> float:
         samples: (m, n, d), m at least 2 samples for each of n conditions.
         truth: (n, d), what was observed.
     """
+    return float(energy_scores(samples, truth).mean())
+
+
+def energy_scores(samples: Tensor, truth: Tensor) -> Tensor:
+    """`energy_score` of each condition, (n,): for paired comparisons and their intervals.
+
+    Args:
+        samples: (m, n, d), m at least 2 samples for each of n conditions.
+        truth: (n, d), what was observed.
+    """
     if samples.ndim != 3 or len(samples) < 2 or samples.shape[1:] != truth.shape:
         raise ValueError(
             f"samples must have shape (at least 2, {', '.join(map(str, truth.shape))}), got "
@@ -256,9 +266,9 @@ def energy_score(samples: Tensor, truth: Tensor) -> float:
     check_matrix(truth, "truth")
     check_matrix(samples.flatten(0, 1), "samples")
     m = len(samples)
-    off = (samples - truth).norm(dim=2).mean()
+    off = (samples - truth).norm(dim=2).mean(dim=0)
     among = torch.cdist(samples.transpose(0, 1), samples.transpose(0, 1)).sum(dim=(1, 2))
-    return float(off - among.mean() / (m * (m - 1)) / 2)
+    return off - among / (m * (m - 1)) / 2
 
 
 def mode_entropy(modes: ArrayLike) -> float:

@@ -1,4 +1,4 @@
-"""The command `cotlearn`: open the course, run notebooks, make demonstrations, train policies.
+"""The command `cotlearn`: open the course, run notebooks, make demonstrations, train, report.
 
 One file holds one group of commands. None imports torch before a command that needs it runs.
 """
@@ -12,6 +12,7 @@ import typer
 from cotlearn.cli import course, homework
 from cotlearn.cli.bench import bench
 from cotlearn.cli.demos import demos
+from cotlearn.cli.report import report
 from cotlearn.cli.train import train
 
 app = typer.Typer(
@@ -26,6 +27,7 @@ app.add_typer(homework.app)
 app.command()(demos)
 app.command()(train)
 app.command()(bench)
+app.command()(report)
 
 
 def main() -> None:

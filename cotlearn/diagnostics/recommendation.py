@@ -13,7 +13,8 @@ from cotlearn.diagnostics.frontier import Frontier, FrontierPoint, frontier
 from cotlearn.diagnostics.spread import BetweenWithin, between_within
 from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
 
-USEFUL = 0.8  #: a coupling must cut the predicted one-step error of independent to this share
+SURE = 2.0  #: standard errors by which a coupling must beat independent pairs on held-out rows
+USEFUL = 0.01  #: and the share of their score that it must save
 NARROW = 0.02  #: below this share of variance within conditions there is nothing to straighten
 LABELS_UP_TO = 64  #: so many distinct conditions are treated as labels
 GOOD_STRATUM = 32  #: rows of a cluster that leave enough to choose from
@@ -44,21 +45,25 @@ def recommend(
     *,
     batch_size: int = 256,
     rows: int = 4096,
+    probe_steps: int = 500,
     seed: int = 0,
     progress: bool | None = None,
 ) -> Recommendation:
     """Pick a coupling and its weight for data x1 (N, d) with conditions c (N, k).
 
-    Candidates are independent pairs, naive OT, COT over a range of weights, and stratified OT. The
-    one with the smallest predicted one-step error is taken if its prior skew is not significant,
-    or among the others the best without significant skew; and only if that is below
-    0.8 times what independent pairs leave, which otherwise are recommended.
+    Candidates are independent pairs, naive OT, COT over a range of weights, and stratified OT, with
+    and without residuals. Those with significant skew are out. Of the others the one is taken whose
+    probe (see `one_step_scores`) has the best energy score on held-out rows, if it beats the probe
+    of independent pairs by two standard errors and by 1 %; otherwise independent pairs are.
+
+    The sample's distances count against standard normal noise, so bring x1 to about unit variance.
 
     Args:
         x1: the training data, at least 200 rows.
         c: conditions; standardise or `combine` several first.
         batch_size: rows of an OT batch.
-        rows: pairs looked at for each candidate.
+        rows: pairs looked at for each candidate, three times.
+        probe_steps: of training each candidate's probe.
         seed: of everything.
         progress: show a bar; None: in terminals and notebooks.
     """
@@ -68,7 +73,14 @@ def recommend(
     check_count(batch_size, "batch_size", minimum=2)
     couplings = candidates(x1, c)
     found = frontier(
-        x1, c, couplings, batch_size=batch_size, rows=rows, seed=seed, progress=progress
+        x1,
+        c,
+        couplings,
+        batch_size=batch_size,
+        rows=rows,
+        probe_steps=check_count(probe_steps, "probe_steps"),
+        seed=seed,
+        progress=progress,
     )
     spread = between_within(x1, c, seed=seed)
     best, reason = _choose(found, spread)
@@ -79,51 +91,68 @@ def candidates(x1: Tensor, c: Tensor) -> dict[str, Coupling]:
     """The couplings that `recommend` compares on these data.
 
     Weights of COT are multiples of the ratio of sample to condition variance, which makes both
-    terms of the cost equal: 1, 10, 100 and 1000 times.
+    terms of the cost equal: 0.1, 1, 10 and 100 times. In many dimensions all conditions are about
+    equally far apart, and the small weights are the useful ones.
     """
-    distinct = len(torch.unique(c, dim=0))
+    labels = len(torch.unique(c, dim=0)) <= LABELS_UP_TO
     chosen: dict[str, Coupling] = {"independent": Independent(), "naive OT": MinibatchOT()}
     spread = float(c.var(dim=0).sum())
     if spread > 0:
         ratio = float(x1.var(dim=0).sum() + x1.shape[1]) / spread
-        for factor in (1, 10, 100, 1000):
+        for factor in (0.1, 1) if labels else (0.1, 1, 10, 100):
             chosen[f"COT x {factor}"] = ConditionalOT(factor * ratio)
-    if distinct <= LABELS_UP_TO:
+    if labels:
         chosen["COT per label"] = ConditionalOT(math.inf)
         chosen["stratified by label"] = StratifiedOT()
-    else:
-        for rows in (GOOD_STRATUM, 4 * GOOD_STRATUM):
-            clusters = len(x1) * 3 // 4 // rows
-            if clusters > 1:
-                chosen[f"stratified, {rows} rows"] = StratifiedOT(clusters)
+        return chosen
+    for rows in (GOOD_STRATUM, 4 * GOOD_STRATUM):
+        clusters = len(x1) * 3 // 4 // rows
+        if clusters > 1:
+            chosen[f"stratified, {rows} rows"] = StratifiedOT(clusters)
+            chosen[f"residuals, {rows} rows"] = StratifiedOT(clusters, residual=True)
     return chosen
 
 
 def _choose(found: Frontier, spread: BetweenWithin) -> tuple[FrontierPoint, str]:
     independent, naive = found["independent"], found["naive OT"]
     clean = [p for p in found if not p.flagged and p.name != "independent"]
-    best = min(clean, key=lambda p: p.one_step_error, default=independent)
+    best = min(clean, key=lambda p: p.one_step_score, default=independent)
     facts = (
         f"{100 * spread.between_share:.0f} % of the variance of the data lies between conditions. "
         f"Naive OT {'skews' if naive.flagged else 'does not visibly skew'} the prior (statistic "
-        f"{naive.skew:.2f}). Independent pairs leave a one-step variance of "
-        f"{independent.one_step_variance:.3g} and a predicted one-step error of "
-        f"{independent.one_step_error:.3g}. "
+        f"{naive.skew:.2f}). In one step a small network trained on independent pairs scores "
+        f"{independent.one_step_score:.3g} on held-out rows (energy score, small is good). "
     )
     if spread.within <= NARROW * spread.total:
         return independent, facts + (
             "Use independent pairs: given the condition the data hardly vary, so that no coupling "
             "has anything to straighten, and a regression would do as well."
         )
-    if best.one_step_error > USEFUL * independent.one_step_error:
+    gain, error = gain_over(best, independent)
+    if gain <= max(SURE * error, USEFUL * independent.one_step_score):
         return independent, facts + (
-            "Use independent pairs: no coupling without significant skew cuts the predicted "
-            f"one-step error to {USEFUL:.0%} of that (the best, {best.name}, leaves "
-            f"{best.one_step_error:.3g}); conditions have too few neighbours, or the data too "
-            "little spread within a condition. More data or a coarser condition may change this."
+            "Use independent pairs: no coupling without significant skew is better by more than "
+            f"chance and 1 % (the best, {best.name}, by {gain:.3g}, standard error {error:.2g}). "
+            "Conditions have too few neighbours, the data too little spread within a condition, "
+            "or the rows are too few to tell. More data or a coarser condition may change this."
         )
+    close = [p.name for p in clean if p is not best and _level(best, p)]
     return best, facts + (
-        f"Use {best.name}: it cuts the one-step variance to {best.one_step_variance:.3g} and the "
-        f"predicted one-step error to {best.one_step_error:.3g}, with no significant skew "
-        f"({best.skew:.3f}) and about {best.candidates:.0f} candidates for each noise row."
+        f"Use {best.name}: the same network scores {best.one_step_score:.3g}, better by "
+        f"{gain:.3g} (standard error {error:.2g}), with no significant skew ({best.skew:.3f}) and "
+        f"about {best.candidates:.0f} candidates for each noise row. "
+        + (f"Not to be told from it: {', '.join(close)}." if close else "All others score worse.")
     )
+
+
+def gain_over(point: FrontierPoint, other: FrontierPoint) -> tuple[float, float]:
+    """By how much a point scores better than another on the same rows, and the standard error."""
+    if point.scores is None or other.scores is None:
+        raise ValueError("the points have no scores: ask frontier for probe_steps")
+    gain = other.scores - point.scores
+    return float(gain.mean()), float(gain.std()) / math.sqrt(len(gain))
+
+
+def _level(best: FrontierPoint, point: FrontierPoint) -> bool:
+    gain, error = gain_over(best, point)
+    return gain <= SURE * error

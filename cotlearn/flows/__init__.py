@@ -1,5 +1,6 @@
 """Flows: learn a velocity field from pairs, and integrate it."""
 
+from cotlearn.flows.guidance import Guided, LabelDropout
 from cotlearn.flows.matching import (
     EarlyFlowMatching,
     conditional_flow_matching_loss,
@@ -12,6 +13,8 @@ from cotlearn.flows.training import FitResult, fit
 __all__ = [
     "EarlyFlowMatching",
     "FitResult",
+    "Guided",
+    "LabelDropout",
     "Solution",
     "VelocityMLP",
     "conditional_flow_matching_loss",

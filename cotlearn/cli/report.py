@@ -1,0 +1,59 @@
+"""`cotlearn report`: which coupling for data of one's own, as a page to read."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from cotlearn.cli.terminal import console, stop, stop_interrupted
+
+
+def report(
+    data: Annotated[
+        Path,
+        typer.Argument(
+            help="An .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="The page to make.")] = Path("report.html"),
+    model: Annotated[
+        Path | None, typer.Option(help="The trained model; OUT with .safetensors without it.")
+    ] = None,
+    steps: Annotated[int, typer.Option(min=1, help="Gradient steps of each training.")] = 2000,
+    observe: Annotated[int, typer.Option(min=1, help="States in c, of recorded episodes.")] = 2,
+    predict: Annotated[int, typer.Option(min=1, help="Actions in x1, of recorded episodes.")] = 16,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything.")] = 0,
+) -> None:
+    """Looks at your data, recommends a coupling, trains it and tries it; about two minutes.
+
+    The page holds its figures and needs no network. Trainings that were stopped resume.
+    """
+    import torch
+
+    from cotlearn.report import examine, read_data, write_page
+
+    torch.set_num_threads(1)
+    model = model or out.with_suffix(".safetensors")
+    checkpoints = out.with_name(f".{out.name}")
+    try:
+        if out.is_dir() or not out.parent.is_dir():
+            raise ValueError(f"out must be a file in a folder that exists, got {out}")
+        rows = read_data(data, observe=observe, predict=predict)
+        console.print(f"{escape(rows.data.name)}: {escape(rows.about)}")
+        found = examine(rows, steps=steps, seed=seed, checkpoints=checkpoints)
+        found.model.save(model)
+        command = shlex.join(["cotlearn", *sys.argv[1:]])
+        write_page(found, out, command=command, model=model)
+    except (ValueError, TypeError, RuntimeError, OSError, ModuleNotFoundError) as error:
+        stop(str(error))
+    except KeyboardInterrupt:
+        stop_interrupted()
+    for file in out.parent.glob(f"{checkpoints.name}.*.training.safetensors"):
+        file.unlink()
+    console.print(f"use: {escape(found.advice.name)}\n{escape(found.verdict())}")
+    console.print(f"page: {escape(str(out))}\nmodel: {escape(str(model))}")

@@ -1,0 +1,73 @@
+"""Classifier-free guidance: one network with and without its condition (Ho & Salimans 2207.12598).
+
+The missing condition is a row of zeros, which no one-hot label is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from cotlearn.couplings.base import Pairs
+from cotlearn.flows.matching import Velocity, conditional_flow_matching_loss
+from cotlearn.validation import check_number
+
+
+@dataclass(frozen=True)
+class LabelDropout:
+    """`conditional_flow_matching_loss` that hides the condition of a share of the rows.
+
+    It is hidden after the pairs are made: a conditional coupling still knows it.
+
+    Args:
+        share: of the rows, in [0, 1].
+    """
+
+    share: float = 0.2
+
+    def __post_init__(self) -> None:
+        if check_number(self.share, "share") > 1:
+            raise ValueError(f"share must lie in [0, 1], got {self.share}")
+
+    def __call__(
+        self, network: Velocity, pairs: Pairs, generator: torch.Generator | None = None
+    ) -> Tensor:
+        """The squared error of each row, (B,)."""
+        if pairs.c is None:
+            raise TypeError("LabelDropout needs pairs with a condition c, got None")
+        hidden = torch.rand(len(pairs), generator=generator) < self.share
+        c = pairs.c.masked_fill(hidden.to(pairs.c.device)[:, None], 0.0)
+        return conditional_flow_matching_loss(network, replace(pairs, c=c), generator)
+
+
+@dataclass(frozen=True)
+class Guided:
+    """The velocity v(t, x, 0) + scale (v(t, x, c) - v(t, x, 0)).
+
+    Scale 1 is the conditional velocity, 0 the unconditional one; above 1 samples are pushed on,
+    away from what is usual without the condition. Each call evaluates the network twice.
+
+    Args:
+        velocity: trained with `LabelDropout`.
+        scale: at least 0.
+    """
+
+    velocity: Velocity
+    scale: float
+
+    def __post_init__(self) -> None:
+        check_number(self.scale, "scale")
+
+    @property
+    def dim(self) -> int | None:
+        """d, if the velocity says it."""
+        return getattr(self.velocity, "dim", None)
+
+    def __call__(self, t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
+        """The guided velocity, (B, d)."""
+        if c is None:
+            raise TypeError("a guided velocity needs a condition c, got None")
+        plain = self.velocity(t, x, torch.zeros_like(c))
+        return plain + self.scale * (self.velocity(t, x, c) - plain)

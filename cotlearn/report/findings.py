@@ -1,0 +1,203 @@
+"""What a report says: the look at the data, the recommendation, and a model that was tried."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cotlearn.couplings import Coupling, Independent
+from cotlearn.datasets import Dataset
+from cotlearn.diagnostics import Recommendation, recommend
+from cotlearn.flows import VelocityMLP, fit, integrate
+from cotlearn.metrics import energy_scores
+from cotlearn.report.model import FewStepModel, Scale
+from cotlearn.report.sources import Rows
+from cotlearn.validation import check_count
+
+FEWEST = 300  #: rows of a report
+MOST = 20_000  #: rows that are trained on; more are left out at random
+NFE = (1, 2, 4, 16)
+DRAWS, TEST_ROWS = 16, 1000  #: samples for each of so many held-out conditions
+NETWORK = {"width": 128, "depth": 3}
+BATCH = 256
+NEAR = 0.01  #: scores that differ by less count as equal
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One coupling, trained and scored on held-out rows.
+
+    Attributes:
+        name: "independent", or the recommended one's name on the frontier.
+        coupling: `Coupling.name`, for its colour.
+        scores: (NFE, n) energy score of each held-out row in standard units; small is good.
+        model: what was trained.
+    """
+
+    name: str
+    coupling: str
+    scores: Tensor
+    model: FewStepModel
+
+    def at(self, nfe: int) -> float:
+        """The mean score at so many evaluations."""
+        return float(self.scores[NFE.index(nfe)].mean())
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that the page tells.
+
+    Attributes:
+        rows: the data.
+        train: rows that were trained on, standard units.
+        test: held-out rows.
+        advice: of `recommend`.
+        trials: independent pairs, then the recommended coupling if it is another.
+        settings: seed, steps and sizes; JSON-compatible.
+    """
+
+    rows: Rows
+    train: Dataset
+    test: Dataset
+    advice: Recommendation
+    trials: tuple[Trial, ...]
+    settings: dict[str, Any]
+
+    @property
+    def model(self) -> FewStepModel:
+        """The recommended one."""
+        return self.trials[-1].model
+
+    def gain(self, nfe: int) -> tuple[float, float]:
+        """Independent's score less the recommended one's at `nfe`, and its standard error."""
+        gain = (self.trials[0].scores - self.trials[-1].scores)[NFE.index(nfe)]
+        return float(gain.mean()), float(gain.std()) / len(gain) ** 0.5
+
+    def verdict(self) -> str:
+        """One paragraph: what the trained models say about the recommendation."""
+        free = self.trials[0]
+        if len(self.trials) == 1:
+            enough = next(n for n in NFE if free.at(n) <= free.at(NFE[-1]) * (1 + NEAR))
+            return (
+                f"Independent pairs were trained: {free.at(1):.3g} at one evaluation (that is a "
+                f"regression), {free.at(NFE[-1]):.3g} at {NFE[-1]}; {enough} "
+                f"evaluation{'s' * (enough > 1)} are within 1 % of that."
+            )
+        best = self.trials[-1]
+        gain, error = self.gain(1)
+        kept = "held" if gain > 2 * error else "was refuted" if gain < -2 * error else "is open"
+        needed = next((n for n in NFE if free.at(n) <= best.at(1) * (1 + NEAR)), None)
+        more = f"as good at {needed}" if needed else f"not as good at {NFE[-1]} either"
+        late, late_error = self.gain(NFE[-1])
+        ahead = best.name if late > 0 else "independent"
+        shown = abs(late) > 2 * late_error
+        cost = f"{ahead} is better by {abs(late):.2g}" if shown else "no difference shown"
+        return (
+            f"The forecast {kept}: at one evaluation {best.name} scores {best.at(1):.3g}, "
+            f"independent pairs {free.at(1):.3g}, a gain of {gain:.3g} (standard error "
+            f"{error:.2g}). Independent pairs are {more}. At {NFE[-1]} evaluations: {cost}."
+        )
+
+
+def split(rows: Rows, *, seed: int = 0) -> tuple[Dataset, Dataset]:
+    """Three quarters of the groups to train on, and a quarter held out.
+
+    Raises:
+        ValueError: too few rows or groups.
+    """
+    x1, c, n = rows.data.x1, rows.data.c, len(rows.data)
+    assert c is not None
+    groups = int(rows.group.max()) + 1
+    if groups < 4:
+        raise ValueError(f"{rows.data.name} has {groups} groups: at least 4 are needed to split")
+    rng = np.random.default_rng(seed)
+    out = np.isin(rows.group, rng.permutation(groups)[: groups // 4])
+    inside, outside = (rng.permutation(np.flatnonzero(part)) for part in (~out, out))
+    if n < FEWEST or len(inside) < 200 or len(outside) < 20:
+        raise ValueError(
+            f"{rows.data.name} has {n} rows, {len(inside)} of them to train on: a report needs at "
+            f"least {FEWEST} and 200; fewer do not tell couplings apart"
+        )
+    first, second = inside[:MOST], outside[:TEST_ROWS]
+    name = rows.data.name
+    return Dataset(x1[first], c[first], name), Dataset(x1[second], c[second], name)
+
+
+def examine(
+    rows: Rows,
+    *,
+    steps: int = 2000,
+    probe_steps: int = 500,
+    pairs: int = 2048,
+    seed: int = 0,
+    checkpoints: Path | None = None,
+    progress: bool | None = None,
+) -> Findings:
+    """Look at the data, recommend a coupling, train it and independent pairs, score both.
+
+    Args:
+        rows: of `read_data`, `from_arrays` or `from_episodes`; at least 300.
+        steps: of each of the two trainings.
+        probe_steps: as in `recommend`.
+        pairs: rows of pairs that `recommend` looks at.
+        seed: of everything.
+        checkpoints: the beginning of a file name; trainings that were stopped resume from there.
+        progress: show bars; None: in terminals and notebooks.
+
+    Raises:
+        ValueError: too few rows, or data that do not vary.
+    """
+    check_count(steps, "steps")
+    train, test = split(rows, seed=seed)
+    scale = Scale.fit(train)
+    if not scale.x[1].any():
+        raise ValueError(f"{rows.data.name}: x1 does not vary, there is nothing to learn")
+    train, test = scale.into(train), scale.into(test)
+    assert train.c is not None
+    advice = recommend(
+        train.x1, train.c, rows=pairs, probe_steps=probe_steps, seed=seed, progress=progress
+    )
+    couplings: dict[str, Coupling] = {"independent": Independent(), advice.name: advice.coupling}
+    trials = []
+    for name, coupling in couplings.items():
+        about = {"coupling": repr(coupling), "data": rows.about, "network": NETWORK, "steps": steps}
+        word = "independent" if name == "independent" else "recommended"
+        file = (
+            None
+            if checkpoints is None
+            else checkpoints.with_name(f"{checkpoints.name}.{word}.training.safetensors")
+        )
+        network = fit(
+            VelocityMLP(train.dim, train.condition_dim, seed=seed, **NETWORK),
+            train,
+            coupling,
+            steps=steps,
+            batch_size=BATCH,
+            seed=seed,
+            checkpoint=file,
+            progress=progress,
+        ).network
+        model = FewStepModel(network, scale, about)
+        trials.append(Trial(name, coupling.name, held_out_scores(network, test, seed), model))
+    settings = {"seed": seed, "steps": steps, "probe_steps": probe_steps, "pairs": pairs}
+    return Findings(rows, train, test, advice, tuple(trials), settings)
+
+
+def held_out_scores(network: Any, test: Dataset, seed: int) -> Tensor:
+    """Energy scores (NFE, n): the same noise for every network."""
+    assert test.c is not None
+    g = torch.Generator().manual_seed(seed)
+    noise = torch.randn(DRAWS, *test.x1.shape, generator=g)
+    c = test.c
+    return torch.stack(
+        [
+            energy_scores(torch.stack([integrate(network, z, c, nfe=n).x1 for z in noise]), test.x1)
+            for n in NFE
+        ]
+    )

@@ -1,0 +1,244 @@
+"""Data of your own: arrays, an .npz, a LeRobot folder, a Diffusion Policy zarr."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+
+from cotlearn.datasets import Dataset
+from cotlearn.robots.episodes.checked import need
+from cotlearn.validation import check_count
+
+MOST_LABELS = 64  #: distinct values of a vector of labels
+STATES = ("observation.state", "observation.environment_state")  #: of LeRobot
+EXPECTED = "an .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr"
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A data set, and which rows belong together.
+
+    Attributes:
+        data: x1 (n, d) and c (n, k), float32.
+        group: (n,), rows with the same number are never split between training and test.
+        about: where it comes from, a few words.
+    """
+
+    data: Dataset
+    group: NDArray[np.int64]
+    about: str
+
+
+def read_data(path: str | Path, *, observe: int = 2, predict: int = 16) -> Rows:
+    """Reads data of any layout that is known.
+
+    An .npz holds `x1` and `c` as for `from_arrays`, and `group` if rows belong together. Recorded
+    episodes (LeRobot: observation.state, action, episode_index; zarr: data/state or data/obs,
+    data/action, meta/episode_ends) become windows as by `from_episodes`.
+
+    Args:
+        path: the file or folder.
+        observe: steps of a recording that the condition holds.
+        predict: actions of a recording that x1 holds.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ModuleNotFoundError: pyarrow or zarr is needed and not installed.
+        ValueError: the file is damaged, of no known layout, or its arrays do not fit; names them.
+        TypeError: an array does not hold numbers.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"no such file: {path}")
+    if path.suffix == ".npz":
+        return _read_npz(path)
+    if ".zarr" in path.suffixes:
+        arrays = _read_zarr(path)
+    elif any(path.glob("data/**/*.parquet")):
+        arrays = _read_lerobot(path)
+    else:
+        raise ValueError(f"{path} is of no known layout: expected {EXPECTED}")
+    return from_episodes(*arrays, observe=observe, predict=predict, name=path.name)
+
+
+def from_arrays(
+    x1: ArrayLike, c: ArrayLike, *, group: ArrayLike | None = None, name: str = "my data"
+) -> Rows:
+    """Arrays as rows; axes after the first are flattened.
+
+    A vector c of text, of yes and no, or of whole numbers holds labels, which become one-hot; a
+    vector of floating-point numbers is one number a row.
+
+    Args:
+        x1: (n, ...), what is to be generated.
+        c: (n, ...) numbers, or (n,) labels.
+        group: (n,) whole numbers or text; every row is its own group if None.
+        name: how to call it.
+
+    Raises:
+        TypeError: an array does not hold numbers.
+        ValueError: shapes do not match, or values are not finite; says which and where.
+    """
+    numbers = _numbers(x1, "x1", name)
+    condition = np.asarray(c)
+    if condition.ndim == 1 and condition.dtype.kind in "UiubS":
+        found, index = np.unique(condition, return_inverse=True)
+        if len(found) > MOST_LABELS:
+            raise ValueError(
+                f"{name}: c is a vector of {len(found)} different labels, at most {MOST_LABELS} "
+                "are taken; if these are numbers, store them as floating point"
+            )
+        condition = np.eye(len(found))[index]
+        words = f"{len(found)} labels"
+    else:
+        condition = _numbers(condition, "c", name)
+        words = f"conditions of {condition.shape[1]} numbers"
+    if len(condition) != len(numbers):
+        raise ValueError(f"{name}: x1 has {len(numbers)} rows, c has {len(condition)}")
+    together = np.arange(len(numbers)) if group is None else np.asarray(group)
+    if together.shape != (len(numbers),):
+        raise ValueError(f"{name}: group must have shape ({len(numbers)},), got {together.shape}")
+    _, together = np.unique(together, return_inverse=True)
+    x, y = (torch.from_numpy(values).float() for values in (numbers, condition))
+    about = f"{len(x)} rows of {x.shape[1]} numbers, {words}"
+    return Rows(Dataset(x, y, name), together.astype(np.int64), about)
+
+
+def from_episodes(
+    state: ArrayLike,
+    action: ArrayLike,
+    ends: ArrayLike,
+    *,
+    observe: int = 2,
+    predict: int = 16,
+    name: str = "my episodes",
+) -> Rows:
+    """Recorded episodes as rows: the last states are the condition, the next actions are x1.
+
+    One row for each step; at both ends of an episode the first state and the last action are
+    repeated. The rows of an episode are one group.
+
+    Args:
+        state: (N, s), one row a step.
+        action: (N, a), what was done in it.
+        ends: (E,), where each episode ends, exclusive.
+        observe: states in c.
+        predict: actions in x1.
+        name: how to call it.
+    """
+    seen, done = _numbers(state, "state", name), _numbers(action, "action", name)
+    if len(seen) != len(done):
+        raise ValueError(f"{name}: state has {len(seen)} rows, action has {len(done)}")
+    last = np.asarray(ends)
+    rising = last.ndim == 1 and last.dtype.kind in "iu" and len(last) > 0
+    if not rising or last[-1] != len(seen) or (np.diff(last.astype(int), prepend=0) < 1).any():
+        raise ValueError(f"{name}: ends must rise to the number of rows {len(seen)}, got {last}")
+    check_count(observe, "observe")
+    check_count(predict, "predict")
+    first = np.concatenate([[0], last[:-1]])
+    step = np.arange(len(seen))
+    episode = np.searchsorted(last, step, side="right")
+    before = np.maximum(step[:, None] + np.arange(1 - observe, 1), first[episode, None])
+    after = np.minimum(step[:, None] + np.arange(predict), last[episode, None] - 1)
+    rows = from_arrays(done[after], seen[before], group=episode, name=name)
+    about = f"{len(last)} episodes; {predict} actions given {observe} states; {rows.about}"
+    return Rows(rows.data, rows.group, about)
+
+
+def _numbers(value: ArrayLike, what: str, name: str) -> NDArray[np.float64]:
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiub":
+        raise TypeError(f"{name}: {what} must hold real numbers, got {array.dtype}")
+    if array.ndim == 0 or array.size == 0:
+        raise ValueError(f"{name}: {what} must have rows, got shape {array.shape}")
+    flat: NDArray[np.float64] = array.reshape(len(array), -1).astype(np.float64)
+    with np.errstate(over="ignore"):
+        good = np.isfinite(flat.astype(np.float32)).all(axis=1)
+    if not good.all():
+        raise ValueError(
+            f"{name}: {what} has NaN or infinite values in {int((~good).sum())} of {len(flat)} "
+            f"rows, the first is row {int(np.flatnonzero(~good)[0])}"
+        )
+    return flat
+
+
+def _read_npz(path: Path) -> Rows:
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            names = stored.files
+            missing = [key for key in ("x1", "c") if key not in names]
+            if missing:
+                raise ValueError(
+                    f"{path} has no array {' and no array '.join(missing)}; it has {names}"
+                )
+            arrays = {key: stored[key] for key in ("x1", "c", "group") if key in names}
+    except (zipfile.BadZipFile, EOFError, OSError) as error:
+        raise ValueError(f"{path} is damaged or no .npz file: {error}") from error
+    except ValueError as error:
+        if "allow_pickle" in str(error):
+            raise TypeError(
+                f"{path} holds Python objects, which are not read: store arrays of numbers"
+            ) from error
+        raise
+    return from_arrays(**arrays, name=path.name)
+
+
+def _read_zarr(path: Path) -> tuple[Array, Array, Array]:
+    zarr = need("zarr")
+    try:
+        if path.is_file():
+            with zarr.storage.ZipStore(path, mode="r") as store:
+                return _from_group(zarr.open_group(store, mode="r"), path)
+        return _from_group(zarr.open_group(path, mode="r"), path)
+    except (OSError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} is damaged or not a zarr group: {error}") from error
+
+
+def _from_group(group: Any, path: Path) -> tuple[Array, Array, Array]:
+    state = next((key for key in ("data/state", "data/obs") if key in group), "data/state")
+    keys = (state, "data/action", "meta/episode_ends")
+    missing = [key for key in keys if key not in group]
+    if missing:
+        raise ValueError(f"{path} has no {', no '.join(missing)}: it is no replay buffer")
+    first, second, third = (np.asarray(group[key][:]) for key in keys)
+    return first, second, third
+
+
+def _read_lerobot(path: Path) -> tuple[Array, Array, Array]:
+    pyarrow, parquet = need("pyarrow"), need("pyarrow.parquet")
+    index = ["episode_index", "frame_index"]
+    parts: list[list[Array]] = []
+    for file in sorted(path.glob("data/**/*.parquet")):
+        try:
+            names = parquet.read_schema(file).names
+            states = [key for key in STATES if key in names]
+            missing = [key for key in ("action", *index) if key not in names]
+            if missing or not states:
+                missing += [] if states else [STATES[0]]
+                raise ValueError(f"{file} has no column {', '.join(missing)}; it has {names}")
+            table = parquet.read_table(file, columns=[*states, "action", *index])
+        except (pyarrow.ArrowInvalid, OSError) as error:
+            raise ValueError(f"{file} is damaged or not a parquet file: {error}") from error
+        state = np.hstack([_column(table, key, file) for key in states])
+        parts.append([state, _column(table, "action", file)])
+        parts[-1] += [table[key].to_numpy() for key in index]
+    state, action, episode, frame = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.lexsort((frame, episode))
+    ends = np.append(np.flatnonzero(np.diff(episode[order])) + 1, len(episode))
+    return state[order], action[order], ends
+
+
+def _column(table: Any, name: str, file: Path) -> Array:
+    try:
+        values = np.array(table[name].to_pylist(), dtype=np.float64)
+    except (TypeError, ValueError):
+        words = "must have the same number of values in each frame"
+        raise ValueError(f"{file}: {name} {words}") from None
+    return values.reshape(len(values), -1)

@@ -1,0 +1,77 @@
+"""Classifier-free guidance: hidden labels in training, two velocities in sampling."""
+
+import pytest
+import torch
+
+from cotlearn.couplings import ConditionalOT
+from cotlearn.flows import (
+    Guided,
+    LabelDropout,
+    VelocityMLP,
+    conditional_flow_matching_loss,
+    sampler,
+)
+from cotlearn.mixtures import petals
+
+
+def rng(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def pairs(n=400):
+    x1, c = petals().sample(n, generator=rng())
+    return ConditionalOT()(torch.randn(n, 2, generator=rng(1)), x1, c, generator=rng(2))
+
+
+class Seen:
+    """A velocity that remembers its conditions."""
+
+    def __call__(self, t, x, c):
+        self.c = c
+        return torch.zeros_like(x)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_share_of_the_labels_is_hidden(share):
+    network, batch = Seen(), pairs()
+    kept = batch.c.clone()
+    LabelDropout(share)(network, batch, rng())
+    hidden = (network.c == 0).all(dim=1)
+    assert abs(float(hidden.float().mean()) - share) < 0.08
+    assert torch.equal(network.c[~hidden], kept[~hidden])
+    assert torch.equal(batch.c, kept)  # the pairs are not changed
+
+
+def test_one_value_a_row():
+    network, batch = VelocityMLP(2, 4, width=8, seed=0), pairs(50)
+    assert LabelDropout(0.5)(network, batch, rng()).shape == (50,)
+    assert conditional_flow_matching_loss(network, batch, rng()).shape == (50,)
+
+
+@pytest.mark.parametrize(("scale", "expected"), [(0.0, 2.0), (1.0, 5.0), (2.0, 8.0)])
+def test_the_scale_goes_from_without_to_with_and_on(scale, expected):
+    def velocity(t, x, c):
+        return torch.full_like(x, 2.0) + 3 * c.sum(dim=1, keepdim=True)
+
+    c = torch.eye(4)
+    assert torch.equal(Guided(velocity, scale)(0.0, torch.zeros(4, 2), c),
+                       torch.full((4, 2), expected))  # fmt: skip
+
+
+def test_it_can_be_sampled():
+    guided = Guided(VelocityMLP(2, 4, width=8, seed=0), 1.5)
+    assert sampler(guided, nfe=2)(torch.eye(4), generator=rng()).shape == (4, 2)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: LabelDropout(1.5), ValueError, "share must lie in"),
+        (lambda: LabelDropout(-0.1), ValueError, "share must be at least 0"),
+        (lambda: Guided(Seen(), -1), ValueError, "scale must be at least 0"),
+        (lambda: Guided(Seen(), 1)(0.0, torch.zeros(3, 2), None), TypeError, "needs a condition"),
+    ],
+)
+def test_bad_input(call, error, message):
+    with pytest.raises(error, match=message):
+        call()

@@ -1,0 +1,114 @@
+"""The report: its numbers, its page and its model."""
+
+import re
+
+import numpy as np
+import pytest
+import torch
+from typer.testing import CliRunner
+
+from cotlearn.cli import app
+from cotlearn.report import FewStepModel, examine, from_arrays, write_page
+from cotlearn.report.findings import split
+from cotlearn.report.model import Scale
+
+
+def two_modes(n=400, seed=0):
+    """Labels that shift two far modes; in odd units."""
+    rng = np.random.default_rng(seed)
+    label = rng.integers(2, size=n)
+    x1 = np.column_stack([1000 + 300 * rng.choice([-1, 1], n) + 20 * rng.normal(size=n), label])
+    return x1 + 0.1 * rng.normal(size=(n, 2)), label
+
+
+@pytest.fixture(scope="module")
+def findings():
+    return examine(from_arrays(*two_modes(), name="a <b> & c"), steps=40, probe_steps=120,
+                   pairs=400, progress=False)  # fmt: skip
+
+
+def test_the_trials(findings):
+    assert findings.trials[0].name == "independent"
+    assert findings.trials[-1].name == findings.advice.name
+    for trial in findings.trials:
+        assert trial.scores.shape == (4, len(findings.test))
+        assert torch.isfinite(trial.scores).all()
+    gain, error = findings.gain(1)
+    assert gain == pytest.approx(findings.trials[0].at(1) - findings.trials[-1].at(1), abs=1e-6)
+    assert error >= 0
+    assert "one evaluation" in findings.verdict()
+
+
+def test_the_model_speaks_the_units_of_the_data_and_survives_the_disk(findings, tmp_path):
+    path = tmp_path / "model.safetensors"
+    findings.model.save(path)
+    model = FewStepModel.load(path)
+    c = torch.eye(2).repeat(50, 1)
+    draws = [
+        m.sample(c, nfe=4, generator=torch.Generator().manual_seed(0))
+        for m in (findings.model, model)
+    ]
+    assert torch.equal(*draws)
+    assert 500 < float(draws[0][:, 0].mean()) < 1500
+    with pytest.raises(ValueError, match="c has 3 columns, expected 2"):
+        model.sample(torch.zeros(1, 3))
+
+
+def test_the_page_is_whole_and_alone(findings, tmp_path):
+    page = write_page(findings, tmp_path / "report.html", command="cotlearn report <x>")
+    text = page.read_text("utf-8")
+    assert "a &lt;b&gt; &amp; c" in text
+    assert "cotlearn report &lt;x&gt;" in text
+    assert findings.advice.reason.split(". ")[0] in text
+    assert not re.search(r"""(src|href)=["'](?!data:)""", text), "the page needs the network"
+    assert "<script" not in text
+    assert len(re.findall(r"<img alt=\"[^\"]{40,}\"", text)) == 2
+    assert "prefers-color-scheme: dark" in text
+    assert 'name="viewport"' in text
+    assert "When to use none of this" in text
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]  # no part is left
+
+
+def test_a_group_is_never_split():
+    x1, label = two_modes()
+    group = np.arange(400) // 10
+    train, test = split(from_arrays(x1, label, group=group))
+    assert (len(train), len(test)) == (300, 100)
+    where = {float(x): g for x, g in zip(np.float32(x1[:, 0]), group, strict=True)}
+    sides = [{where[float(x)] for x in part.x1[:, 0]} for part in (train, test)]
+    assert not sides[0] & sides[1]
+
+
+def test_the_scale_goes_there_and_back():
+    rows = from_arrays(np.column_stack([two_modes()[0], np.ones(400)]), two_modes()[1])
+    scale = Scale.fit(rows.data)
+    inside = scale.into(rows.data)
+    assert inside.x1[:, 2].tolist() == [0.0] * 400  # what does not vary
+    np.testing.assert_allclose(scale.out(inside.x1), rows.data.x1, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (from_arrays(*two_modes(250)), "250 rows, .* at least 300"),
+        (from_arrays(*two_modes(), group=np.zeros(400, int)), "1 groups: at least 4"),
+        (from_arrays(np.ones((400, 2)), two_modes()[1]), "x1 does not vary"),
+    ],
+)
+def test_data_that_do_not_do(rows, message):
+    with pytest.raises(ValueError, match=message):
+        examine(rows, steps=1, probe_steps=1, pairs=100, progress=False)
+
+
+def test_the_command_stops_with_the_name_of_the_file(tmp_path):
+    path = tmp_path / "mine.npz"
+    np.savez(path, x1=np.zeros((3, 2)))
+    for file, message in ((path, "has no array c"), (tmp_path / "none.npz", "no such file")):
+        result = CliRunner().invoke(app, ["report", str(file), "--out", str(tmp_path / "r.html")])
+        assert result.exit_code == 2
+        assert message in result.output
+        assert not (tmp_path / "r.html").exists()
+    result = CliRunner().invoke(
+        app, ["report", str(path), "--out", str(tmp_path / "no" / "r.html")]
+    )
+    assert "out must be a file in a folder that exists" in result.output
