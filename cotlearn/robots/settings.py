@@ -46,7 +46,7 @@ _RECEDING = Options(frame="world", steps=6000, width=256, clusters=1024)
 #: With a camera, and a smaller budget: a step takes twice as long.
 _CAMERA = CameraOptions(steps=6000, batch_size=128, width=256, clusters=1024)
 #: What an hour or two is enough for.
-_MAIN = ("independent", "conditional_ot", "stratified", "minibatch_ot", "diffusion")
+_MAIN = ("independent", "conditional_ot", "stratified", "residual", "minibatch_ot", "diffusion")
 
 SETTINGS = {
     "push-t": Setting("push_t_demos.npz", Options(frame="body")),

@@ -164,7 +164,9 @@ def test_every_method_trains_and_is_kept(episodes, method, tmp_path):
     noise = policy.noise(3, torch.Generator().manual_seed(0))
     assert np.array_equal(policy.act(history, noise=noise), back.act(history, noise=noise))
     assert set(back.fitted) == (
-        {"mean", "basis", "centroids"} if method in ("conditional_ot", "stratified") else set()
+        {"mean", "basis", "centroids"}
+        if method in ("conditional_ot", "stratified", "residual")
+        else set()
     )
     assert all(torch.equal(back.fitted[name], policy.fitted[name]) for name in back.fitted)
     policy.save(tmp_path / "half.safetensors", half=True)
