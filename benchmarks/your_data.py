@@ -47,8 +47,8 @@ RULES = {
     "neighbours": "least foreseen one-step error by nearest neighbours without significant skew, "
     "independent if that is not below 80 %: the rule that recommend had before",
     "variance": "least one-step variance without significant skew",
-    "probe alone": "best held-out score of the probe, skewed or not; looked at only after one seed of "
-    "digits_lower and diabetes was seen",
+    "probe alone": "best held-out score of the probe, skewed or not; looked at only after one seed "
+    "of digits_lower and diabetes was seen",
     "independent": "always independent pairs",
     "naive OT": "always naive OT",
 }
