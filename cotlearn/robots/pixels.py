@@ -68,11 +68,7 @@ class CameraOptions(Options):
         )
 
     def asks_the_frontier(self, method: str) -> bool:
-        """Not for COT's weight: without one it is COT Policy's rule for every batch.
-
-        The frontier's choice was tried. It took the smallest weight whose skew its test could not
-        see, and the policy lost a quarter of its coverage by it.
-        """
+        """Not for COT's weight: without one it is COT Policy's rule for every batch."""
         return method != "conditional_ot"
 
     def condition_of(
