@@ -224,7 +224,15 @@ def read(path: str | Path) -> tuple[Arrays, dict[str, Any]]:
         about, digest = dict(record["about"]), record["sha256"]
     except KeyError as error:
         raise ValueError(f"{path} is not a file of demonstrations: no {error}") from error
-    except (ValueError, TypeError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except (
+        ValueError,
+        TypeError,
+        OSError,
+        EOFError,
+        RuntimeError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
         raise ValueError(f"{path} is damaged or not an .npz file: {error}") from error
     recipe = _recipe(path, about)
     for name, (kind, width) in recipe.layout.items():

@@ -1,0 +1,98 @@
+"""One damaged byte: every kind of file that is read is refused by name, or gives what it gave.
+
+Weights, checkpoints and demonstrations carry a sum of their contents, so every byte counts. Results
+(JSON) and submissions are texts without a sum: of them only broken text can be seen.
+"""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from cotlearn import assets
+from cotlearn.homework import submissions
+from cotlearn.robots.benchmark.cells import _done
+from cotlearn.robots.experts import record
+from cotlearn.storage import load_tensors, save_tensors
+
+ABOUT = {"task": "push-t", "seed": 0, "versions": {}}
+
+
+def weights(path):
+    save_tensors(path, {"w": torch.arange(300.0).reshape(20, 15)}, {"steps": 3})
+
+
+def demonstrations(path):
+    rng = np.random.default_rng(0)
+    rows = {"state": 5, "action": 2, "intention": 2}
+    arrays = {name: rng.integers(0, 9000, (40, n)).astype("int16") for name, n in rows.items()}
+    arrays["episode_ends"] = np.array([15, 40])
+    arrays["seed"] = np.array([3, 4], dtype="uint32")
+    recipe = record.RECIPES["push-t"]
+    record.write(path, arrays, {**ABOUT, "task": recipe.title})
+
+
+def read_demonstrations(path):
+    found = record.load(path)
+    return [found.state.tolist(), found.action.tolist(), found.seed.tolist(), found.about]
+
+
+def read_weights(path):
+    tensors, about = load_tensors(path)
+    return [tensors["w"].tolist(), about]
+
+
+@pytest.mark.parametrize(
+    ("write", "read"),
+    [(weights, read_weights), (demonstrations, read_demonstrations)],
+    ids=["weights", "demonstrations"],
+)
+def test_no_byte_can_change_what_is_read(tmp_path, write, read):
+    path = tmp_path / "some.file"
+    write(path)
+    whole, right = path.read_bytes(), read(path)
+    refused = 0
+    for place in range(0, len(whole), max(1, len(whole) // 300)):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << place % 8
+        path.write_bytes(damaged)
+        try:
+            found = read(path)
+        except ValueError as error:
+            assert "some.file" in str(error), error  # noqa: PT017
+            refused += 1
+        else:
+            assert found == right, f"byte {place} changed what was read"
+    assert refused > 200
+
+
+@pytest.mark.parametrize("content", [b'{"protocol"; {}}', b"{}", b'{"protocol": {}', b"\xff"])
+def test_a_broken_cell_of_a_benchmark(tmp_path, content):
+    path = tmp_path / "independent-0.json"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"independent-0\.json is damaged: delete it"):
+        _done(path, {})
+
+
+@pytest.mark.parametrize("place", [0, -1])
+def test_a_broken_submission(tmp_path, place):
+    path = tmp_path / "hw1.ipynb"
+    text = bytearray(json.dumps({"cells": [], "metadata": {}, "nbformat": 4}).encode())
+    text[place] ^= 1
+    path.write_bytes(text)
+    with pytest.raises(ValueError, match=r"hw1\.ipynb"):
+        submissions.read(path)
+
+
+@pytest.mark.parametrize("name", ["push_t_demos.npz", "weights/push_t_strata.safetensors"])
+def test_a_file_of_the_course_with_one_other_byte(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(assets, "data_folder", lambda: tmp_path)
+    path = tmp_path / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(b"what it was")
+    assets.write_sums()
+    assert assets.find_data(name) == path
+    path.write_bytes(b"what it wat")
+    with pytest.raises(ValueError, match=f"{name} is damaged: its SHA-256"):
+        assets.find_data(name)
