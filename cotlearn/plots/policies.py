@@ -81,8 +81,9 @@ def score_against_latency(
     ylabel: str = "mean best coverage",
     labels: Mapping[str, str] | None = None,
 ) -> Axes:
-    """Plot scores against the milliseconds that a chunk takes; the numbers are
-    the evaluations, where there is room for one.
+    """Plot scores against the milliseconds that a chunk takes.
+
+    The numbers are the evaluations, where there is room for one.
 
     Args:
         latency: method -> evaluations -> milliseconds, above 0.
@@ -174,6 +175,7 @@ def differences(
     ax.set_yticks(range(len(values)), list(values))
     ax.set_ylim(len(values) - 0.4, -0.6)
     ax.grid(True, axis="x")
+    ax.locator_params(axis="x", nbins=5)  # the words beside leave little room
     return finish(ax, xlabel=xlabel, title=title)
 
 
