@@ -310,7 +310,7 @@ def _check_same_size(first: Array, first_name: str, second: Array, second_name: 
 def _symmetric(value: Any, name: str, size: int | None = None) -> Array:
     array = _finite(value, name, 2, None if size is None else (size, size))
     if array.shape[0] != array.shape[1] or not np.allclose(array, array.T):
-        raise ValueError(f"{name} must be symmetric, got {array.tolist()}")
+        raise ValueError(f"{name} must be symmetric and positive definite, got {array.tolist()}")
     return array
 
 

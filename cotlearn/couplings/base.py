@@ -265,7 +265,7 @@ def draw_noise(x1: Tensor, source: Source | None, generator: torch.Generator) ->
 def generator_for(seed: int, number: int, purpose: int = 0) -> torch.Generator:
     """A generator that depends on (seed, number, purpose) alone, on every machine the same."""
     sequence = np.random.SeedSequence([seed % 2**64, number, purpose])
-    return torch.Generator().manual_seed(int(sequence.generate_state(1, np.uint64)[0] >> 1))
+    return torch.Generator().manual_seed(int(sequence.generate_state(1, np.uint64)[0]) >> 1)
 
 
 def squared_distances(first: Tensor, second: Tensor) -> NDArray[np.float64]:
