@@ -241,7 +241,7 @@ def test_windows_survive_json(episodes):
             ValueError,
             r"actions must have shape \(3, 16, 2\)",
         ),
-        (lambda w, e: Windows.fit(e, frame="agent"), ValueError, "frame must be one of body"),
+        (lambda w, e: Windows.fit(e, frame="room"), ValueError, "frame must be one of body"),
         (lambda w, e: Windows.fit(e, scale="unit"), ValueError, "scale must be one of deviation"),
         (lambda w, e: Windows.fit(e, predict=0), ValueError, "predict must be at least 1"),
         (lambda w, e: Windows.fit(e, knots=17), ValueError, "knots must be at most the 16"),
