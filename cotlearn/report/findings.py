@@ -93,7 +93,8 @@ class Findings:
         gain, error = self.gain(1)
         kept = "held" if gain > 2 * error else "was refuted" if gain < -2 * error else "is open"
         needed = next((n for n in NFE if free.at(n) <= best.at(1) * (1 + NEAR)), None)
-        more = f"as good at {needed}" if needed else f"not as good at {NFE[-1]} either"
+        words = {None: f"do not get there with {NFE[-1]}", 1: "get there at once, too"}
+        more = words.get(needed, f"need {needed} evaluations for that")
         late, late_error = self.gain(NFE[-1])
         ahead = best.name if late > 0 else "independent"
         shown = abs(late) > 2 * late_error
@@ -101,7 +102,7 @@ class Findings:
         return (
             f"The forecast {kept}: at one evaluation {best.name} scores {best.at(1):.3g}, "
             f"independent pairs {free.at(1):.3g}, a gain of {gain:.3g} (standard error "
-            f"{error:.2g}). Independent pairs are {more}. At {NFE[-1]} evaluations: {cost}."
+            f"{error:.2g}). Independent pairs {more}. At {NFE[-1]} evaluations: {cost}."
         )
 
 
