@@ -258,13 +258,16 @@ def energy_scores(samples: Tensor, truth: Tensor) -> Tensor:
         samples: (m, n, d), m at least 2 samples for each of n conditions.
         truth: (n, d), what was observed.
     """
+    check_matrix(truth, "truth")
+    if not isinstance(samples, Tensor):
+        raise TypeError(f"samples must be a tensor, got {type(samples).__name__}")
     if samples.ndim != 3 or len(samples) < 2 or samples.shape[1:] != truth.shape:
         raise ValueError(
             f"samples must have shape (at least 2, {', '.join(map(str, truth.shape))}), got "
             f"{tuple(samples.shape)}"
         )
-    check_matrix(truth, "truth")
     check_matrix(samples.flatten(0, 1), "samples")
+    samples = samples.to(torch.promote_types(samples.dtype, torch.float32))  # cdist has no half
     m = len(samples)
     off = (samples - truth).norm(dim=2).mean(dim=0)
     among = torch.cdist(samples.transpose(0, 1), samples.transpose(0, 1)).sum(dim=(1, 2))

@@ -195,7 +195,7 @@ add(
 )
 add(
     "diagnostics.recommend",
-    lambda x1, c: diagnostics.recommend(x1, c, batch_size=16, rows=100),
+    lambda x1, c: diagnostics.recommend(x1, c, batch_size=16, rows=100, probe_steps=2),
     x1=_x,
     c=_c,
 )

@@ -79,7 +79,8 @@ def numbers(value: Any) -> list[Any]:
     if isinstance(value, float | np.ndarray | np.generic):
         return [np.asarray(value)]
     if dataclasses.is_dataclass(value):
-        return numbers([getattr(value, f.name) for f in dataclasses.fields(value)])
+        fields = [f.name for f in dataclasses.fields(value) if f.name != "seconds"]
+        return numbers([getattr(value, name) for name in fields])
     if isinstance(value, dict):
         return numbers(list(value.values()))
     if isinstance(value, list | tuple):

@@ -41,8 +41,9 @@ def contours(
         raise ValueError(
             f"height has shape {z.shape}, expected (n, m) with up {y.shape} and across {x.shape}"
         )
-    if not np.isfinite(z).all():
-        raise ValueError("height has values that are not finite")
+    for name, values in (("across", x), ("up", y), ("height", z)):
+        if not np.isfinite(values).all():
+            raise ValueError(f"{name} has values that are not finite")
     ax = open_plane(ax)
     ax.contourf(x, y, z, levels=levels, cmap="cividis", alpha=0.85)
     ax.contour(x, y, z, levels=levels, colors="white", linewidths=0.6)

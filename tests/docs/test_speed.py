@@ -20,10 +20,10 @@ def test_exact_pairing():
     slower = 0
     for cell in document["cells"]:
         ms = dict(cell["milliseconds"])
-        slower += ms.pop("cotlearn") > 1.1 * min(ms.values())
-    assert slower == 2
-    assert "In two of the 60 cells another method was faster by more than a tenth" in TEXT
-    for rows, said in ((128, "1.8 times at 128 rows"), (512, "5 at 512"), (2048, "7.5 at 2,048")):
+        slower += ms.pop("cotlearn") > min(ms.values())
+    assert slower == 0
+    assert "in none of the 60 cells was another method faster" in TEXT
+    for rows, said in ((128, "2.3 times at 128 rows"), (512, "5.8 at 512"), (2048, "6.5 at 2,048")):
         ratio = statistics.geometric_mean(
             c["milliseconds"]["torchcfm"] / c["milliseconds"]["cotlearn"]
             for c in document["cells"]
