@@ -98,6 +98,13 @@ def check_number(value: Any, name: str, *, minimum: float = 0.0, infinite: bool 
     return number
 
 
+def check_share(value: Any, name: str) -> float:
+    """Return `value` as a float if it is a number in [0, 1]."""
+    if (share := check_number(value, name)) > 1:
+        raise ValueError(f"{name} must lie in [0, 1], got {share}")
+    return share
+
+
 def check_choice(value: Any, name: str, choices: tuple[str, ...]) -> str:
     """Return `value` if it is one of `choices`."""
     if value not in choices:

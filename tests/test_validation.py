@@ -11,6 +11,7 @@ from cotlearn.validation import (
     check_matrix,
     check_number,
     check_same_rows,
+    check_share,
 )
 
 
@@ -95,3 +96,10 @@ def test_choices():
     for bad in ("c", None, 3):
         with pytest.raises(ValueError, match="letter must be one of a, b; got"):
             check_choice(bad, "letter", ("a", "b"))
+
+
+def test_a_share_lies_between_0_and_1():
+    assert (check_share(0, "early"), check_share(1.0, "early")) == (0.0, 1.0)
+    for wrong in (-0.1, 1.1, float("nan")):
+        with pytest.raises(ValueError, match="early must"):
+            check_share(wrong, "early")

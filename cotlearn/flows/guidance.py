@@ -12,7 +12,7 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Velocity, conditional_flow_matching_loss
-from cotlearn.validation import check_number
+from cotlearn.validation import check_number, check_share
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,7 @@ class LabelDropout:
     share: float = 0.2
 
     def __post_init__(self) -> None:
-        if check_number(self.share, "share") > 1:
-            raise ValueError(f"share must lie in [0, 1], got {self.share}")
+        check_share(self.share, "share")
 
     def __call__(
         self, network: Velocity, pairs: Pairs, generator: torch.Generator | None = None

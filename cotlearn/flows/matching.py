@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
-from cotlearn.validation import check_number
+from cotlearn.validation import check_share
 
 
 class Velocity(Protocol):
@@ -80,8 +80,7 @@ class EarlyFlowMatching:
     share: float
 
     def __post_init__(self) -> None:
-        if check_number(self.share, "share") > 1:
-            raise ValueError(f"share must lie in [0, 1], got {self.share}")
+        check_share(self.share, "share")
 
     def __call__(
         self, network: Velocity, pairs: Pairs, generator: torch.Generator | None = None
