@@ -1,6 +1,6 @@
 """Runs the unit tests with the oldest and the newest supported dependencies: `make versions`.
 
-    python release/versions.py [oldest] [newest] [--torch VERSION]
+    python release/versions.py [oldest] [newest] [--torch VERSION] [--workers N]
 
 The oldest are the lower bounds of pyproject.toml, the newest what the package index has today
 within the upper bounds; uv finds both sets. Each goes into an environment of its own in
@@ -21,7 +21,7 @@ OUT = ROOT / "build" / "versions"
 RESOLUTIONS = {"oldest": "lowest-direct", "newest": "highest"}
 
 
-def tested(name: str, uv: Path, torch: str | None) -> bool:
+def tested(name: str, uv: Path, *, torch: str | None, workers: int) -> bool:
     """Make the environment `name`, run the tests in it, and return whether they passed."""
     wanted, fixed = OUT / f"{name}.txt", OUT / "torch.txt"
     fixed.write_text(f"torch=={torch}\n" if torch else "")
@@ -34,9 +34,10 @@ def tested(name: str, uv: Path, torch: str | None) -> bool:
     install: list[str | Path] = [uv, "pip", "install", "--quiet", "--python", python]
     if run([*install, "--requirement", wanted]) or run([*install, "--no-deps", "--editable", "."]):
         return False
+    at_a_time = ["-n", str(workers), "--dist", "loadfile"]
     return (
         run(
-            [python, "-m", "pytest", "-q", "-n", "2", "-p", "no:cacheprovider"],
+            [python, "-m", "pytest", "-q", *at_a_time, "-p", "no:cacheprovider"],
             PATH=str(python.parent) + os.pathsep + os.environ.get("PATH", ""),
             COTLEARN_PROGRESS="0",
             OMP_NUM_THREADS="1",
@@ -51,6 +52,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="oldest newest", help="both without a name")
     parser.add_argument("--torch", help="this version of torch in both sets")
+    parser.add_argument("--workers", type=int, default=2, help="tests at a time (2)")
     given = parser.parse_args()
     unknown = set(given.names) - set(RESOLUTIONS)
     if unknown:
@@ -60,7 +62,10 @@ def main() -> int:
     if run([tools, "-m", "pip", "install", "--quiet", "uv"]) != 0:
         return 1
     uv = next(path for path in tools.parent.iterdir() if path.stem == "uv")
-    passed = {name: tested(name, uv, given.torch) for name in given.names or RESOLUTIONS}
+    passed = {
+        name: tested(name, uv, torch=given.torch, workers=given.workers)
+        for name in given.names or RESOLUTIONS
+    }
     for name, good in passed.items():
         print(f"{name}: {'passed' if good else 'FAILED'} (versions: {OUT / name}.txt)")
     return 0 if all(passed.values()) else 1
