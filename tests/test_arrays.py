@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import fnmatch
 import re
 import warnings
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from array_cases import CASES
+from array_cases import CASES, WITHOUT, public, that_take_arrays
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -116,6 +117,17 @@ def call(case: Any, arrays: dict[str, Any]) -> Any:
 def test_a_spoilt_array_works_or_is_refused_by_name(name, argument, place):
     for kind in PLACED if place else (*PLACED, *ANYWHERE):
         look(CASES[name], argument, kind, place)
+
+
+def test_every_function_of_the_reference_that_takes_arrays_has_a_case():
+    tried = {name.partition(",")[0] for name in CASES}
+    listed = that_take_arrays()
+    excused = {name for name in listed for p in WITHOUT if fnmatch.fnmatch(name, p)}
+    assert sorted(listed - tried - excused) == [], "without a case and without a reason"
+    assert sorted(tried & excused) == [], "with a case and with a reason to have none"
+    assert sorted(tried - set(public())) == [], "not in the reference"
+    unused = {p for p in WITHOUT if not fnmatch.filter(listed, p)}
+    assert not unused, "reasons for nothing"
 
 
 def look(case: Any, argument: str, kind: str, place: int) -> None:

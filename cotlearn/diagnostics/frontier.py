@@ -16,6 +16,7 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Coupling, Pairs, generator_for, to_numpy
 from cotlearn.datasets import Dataset
+from cotlearn.diagnostics.linear_skew import LinearSkew, enough_rows, linear_skew
 from cotlearn.diagnostics.probe import one_step_scores
 from cotlearn.diagnostics.skew import MINIMUM_ROWS, PriorSkew, prior_skew, unit_variance
 from cotlearn.diagnostics.spread import local_variance
@@ -45,6 +46,7 @@ class FrontierPoint:
         candidates: data rows that a noise row can choose from (see `Coupling.candidates`).
         transport_cost: E |x1 - x0|^2.
         seconds: to make 1,000 pairs.
+        linear_skew: of all pairs that were looked at; None if they are too few for the dimension.
         scores: (n,) energy score of a probe's one-step samples for each of n held-out rows, the
             same rows for all couplings (see `one_step_scores`); None unless asked for.
     """
@@ -60,6 +62,7 @@ class FrontierPoint:
     candidates: float
     transport_cost: float
     seconds: float
+    linear_skew: LinearSkew | None = None
     scores: Tensor | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -150,8 +153,11 @@ def frontier(
             point = _point(
                 name, coupling, draws, test, 1000 * seconds, candidates, neighbours, seed
             )
+            pool = Pairs(*(torch.cat([getattr(p, n) for p in draws]) for n in _COLUMNS))
+            assert pool.c is not None
+            if enough_rows(pool.x0, pool.c):
+                point = replace(point, linear_skew=linear_skew(pool.x0, pool.c))
             if probe_steps:
-                pool = Pairs(*(torch.cat([getattr(p, n) for p in draws]) for n in _COLUMNS))
                 scores = one_step_scores(pool, test, steps=probe_steps, seed=seed)
                 point = replace(point, scores=scores)
             points.append(point)

@@ -77,6 +77,11 @@ def linear_skew(
     return LinearSkew(explained, p_value, p_value <= significance)
 
 
+def enough_rows(x0: Tensor, c: Tensor) -> bool:
+    """Whether `linear_skew` of degree 1 takes so few rows, x0 (n, d) and c (n, k)."""
+    return len(x0) >= _ROWS_FOR_EACH * max(x0.shape[1], c.shape[1])
+
+
 def _features(c: NDArray[np.float64], degree: int) -> NDArray[np.float64]:
     if degree == 1:
         return c

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import torch
+from scipy import stats
 from torch import Tensor
 
 from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, StratifiedOT
@@ -13,7 +14,7 @@ from cotlearn.diagnostics.frontier import Frontier, FrontierPoint, frontier
 from cotlearn.diagnostics.spread import BetweenWithin, between_within
 from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
 
-SURE = 2.0  #: standard errors by which a coupling must beat independent pairs on held-out rows
+CHANCE = 0.025  #: how often luck alone may recommend a coupling, whatever the number of candidates
 USEFUL = 0.01  #: and the share of their score that it must save
 NARROW = 0.02  #: below this share of variance within conditions there is nothing to straighten
 LABELS_UP_TO = 64  #: so many distinct conditions are treated as labels
@@ -54,7 +55,9 @@ def recommend(
     Candidates are independent pairs, naive OT, COT over a range of weights, and stratified OT, with
     and without residuals. Those with significant skew are out. Of the others the one is taken whose
     probe (see `one_step_scores`) has the best energy score on held-out rows, if it beats the probe
-    of independent pairs by two standard errors and by 1 %; otherwise independent pairs are.
+    of independent pairs by 1 % and by more than chance; otherwise independent pairs are. Chance is
+    what the best of all candidates reaches in one of 40 trials where none is better (Bonferroni):
+    2.8 standard errors for ten of them.
 
     The sample's distances count against standard normal noise, so bring x1 to about unit variance.
 
@@ -129,19 +132,27 @@ def _choose(found: Frontier, spread: BetweenWithin) -> tuple[FrontierPoint, str]
             "has anything to straighten, and a regression would do as well."
         )
     gain, error = gain_over(best, independent)
-    if gain <= max(SURE * error, USEFUL * independent.one_step_score):
+    sure = beyond_chance(best, of=len(clean)) if clean else 0.0
+    if gain <= max(sure * error, USEFUL * independent.one_step_score):
         return independent, facts + (
             "Use independent pairs: no coupling without significant skew is better by more than "
             f"chance and 1 % (the best, {best.name}, by {gain:.3g}, standard error {error:.2g}). "
             "Conditions have too few neighbours, the data too little spread within a condition, "
             "or the rows are too few to tell. More data or a coarser condition may change this."
         )
-    close = [p.name for p in clean if p is not best and _level(best, p)]
+    close = [p.name for p in clean if p is not best and _level(best, p, sure)]
+    linear = best.linear_skew
     return best, facts + (
         f"Use {best.name}: the same network scores {best.one_step_score:.3g}, better by "
         f"{gain:.3g} (standard error {error:.2g}), with no significant skew ({best.skew:.3f}) and "
         f"about {best.candidates:.0f} candidates for each noise row. "
         + (f"Not to be told from it: {', '.join(close)}." if close else "All others score worse.")
+        + (
+            f" A regression on the condition explains {100 * linear.explained:.1f} % of its noise: "
+            "where you can afford many evaluations, compare with independent pairs."
+            if linear is not None and linear.flagged
+            else ""
+        )
     )
 
 
@@ -153,6 +164,16 @@ def gain_over(point: FrontierPoint, other: FrontierPoint) -> tuple[float, float]
     return float(gain.mean()), float(gain.std()) / math.sqrt(len(gain))
 
 
-def _level(best: FrontierPoint, point: FrontierPoint) -> bool:
+def beyond_chance(point: FrontierPoint, *, of: int) -> float:
+    """Standard errors that the best of so many points reaches by luck with probability `CHANCE`.
+
+    Student's quantile for the rows of the point's scores, the level divided by the number of
+    points.
+    """
+    rows = 0 if point.scores is None else len(point.scores)
+    return float(stats.t.ppf(1 - CHANCE / check_count(of, "of"), max(1, rows - 1)))
+
+
+def _level(best: FrontierPoint, point: FrontierPoint, sure: float) -> bool:
     gain, error = gain_over(best, point)
-    return gain <= SURE * error
+    return gain <= sure * error

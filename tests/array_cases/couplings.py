@@ -1,0 +1,97 @@
+"""Couplings and what they see of a condition; diagnostics."""
+
+from __future__ import annotations
+
+import torch
+
+from array_cases.base import NETWORK, PAIRS, PETALS, X0, X1, C, N, add, g, labels, rows
+from cotlearn import couplings, diagnostics
+
+_aligned = couplings.ModelAligned(warmup_steps=1)
+_aligned.observe(NETWORK, 5)
+COUPLINGS = {
+    "Independent": couplings.Independent(),
+    "MinibatchOT": couplings.MinibatchOT(),
+    "MinibatchOT, sinkhorn": couplings.MinibatchOT(plan="sinkhorn", sampling="replacement"),
+    "ConditionalOT": couplings.ConditionalOT(),
+    "ConditionalOT, source": couplings.ConditionalOT(2.0, label="source"),
+    "AdaptiveConditionalOT": couplings.AdaptiveConditionalOT(0.9),
+    "StratifiedOT": couplings.StratifiedOT(),
+    "StratifiedOT, residual": couplings.StratifiedOT(2, residual=True),
+    "SemidiscreteOT": couplings.SemidiscreteOT(1.0, iterations=20),
+    "ModelAligned": _aligned,
+    "Reflow": couplings.Reflow(lambda x0, c: x0 + 1),
+}
+
+
+for _name, _coupling in COUPLINGS.items():
+    _class, _comma, _variant = _name.partition(",")
+    add(
+        f"couplings.{_class}.__call__{_comma}{_variant}",
+        lambda x0, x1, c, made=_coupling: made(x0, x1, c, generator=g()),
+        **PAIRS,
+    )
+    add(f"couplings.{_class}.candidates{_comma}{_variant}", _coupling.candidates, **PAIRS)
+add(
+    "couplings.Pairs",
+    couplings.Pairs,
+    bare=("x0", "x1", "c", "source_index", "target_index", "weight"),
+    source_index=torch.arange(N),
+    target_index=torch.arange(N),
+    weight=torch.ones(N),
+    **PAIRS,
+)
+add(
+    "couplings.SemidiscreteOT.fit", lambda x1, c: COUPLINGS["SemidiscreteOT"].fit(x1, c), x1=X1, c=C
+)
+add("couplings.KMeansCondition.fit", couplings.KMeansCondition(2).fit, c=C)
+for _name in ("__call__", "labels"):
+    _fitted = couplings.KMeansCondition(2).fit(labels(40))
+    add(f"couplings.KMeansCondition.{_name}", getattr(_fitted, _name), c=C)
+_images = torch.rand(N, 12, generator=g())
+add(
+    "couplings.PCAKMeansCondition.fit",
+    lambda c: couplings.PCAKMeansCondition(components=2, clusters=2).fit(c),
+    c=_images,
+)
+for _name in ("__call__", "labels", "project"):
+    _fitted = couplings.PCAKMeansCondition(components=2, clusters=2).fit(_images)
+    add(f"couplings.PCAKMeansCondition.{_name}", getattr(_fitted, _name), c=_images)
+for _name in ("fit", "__call__", "labels"):
+    _viewed = couplings.Viewed(torch.sin, couplings.KMeansCondition(2)).fit(labels(40))
+    add(f"couplings.Viewed.{_name}", getattr(_viewed, _name), c=C)
+add("couplings.combine", lambda a, b: couplings.combine({"a": a, "b": b}), a=C, b=X0)
+add("couplings.standardise", couplings.standardise, c=X0, reference=X1)
+
+# --- diagnostics ---
+
+_x, _c = rows(240, seed=5), labels(240)
+add("diagnostics.between_within", diagnostics.between_within, x1=_x, c=_c)
+add(
+    "diagnostics.prior_skew",
+    lambda x0, c: diagnostics.prior_skew(x0, c, relabellings=99),
+    x0=_x,
+    c=_c,
+)
+add("diagnostics.linear_skew", diagnostics.linear_skew, x0=_x, c=_c)
+add(
+    "diagnostics.frontier",
+    lambda x1, c: diagnostics.frontier(
+        x1, c, {"i": couplings.Independent()}, batch_size=16, rows=100, repetitions=2
+    ),
+    x1=_x,
+    c=_c,
+)
+add(
+    "diagnostics.recommend",
+    lambda x1, c: diagnostics.recommend(x1, c, batch_size=16, rows=100, probe_steps=2),
+    x1=_x,
+    c=_c,
+)
+add(
+    "diagnostics.error_budget",
+    lambda conditions: diagnostics.error_budget(
+        NETWORK, PETALS, PETALS.velocity, nfe=1, fine=2, n=8, conditions=conditions
+    ),
+    conditions=C[:3],
+)

@@ -1,0 +1,67 @@
+"""Mixtures, rows, and the Gaussian case that is solved."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from array_cases.base import PETALS, X0, X1, C, N, add, g, labels, rows
+from cotlearn import datasets, flows, gaussian, mixtures, report
+from cotlearn.report.model import Scale
+
+DATA = datasets.Dataset(rows(40, seed=3), labels(40))
+LINEAR = gaussian.LinearGaussian.example()
+SPD = np.array([[2.0, 0.5], [0.5, 1.0]])
+
+
+add("mixtures.Dataset", datasets.Dataset, x1=X1, c=C)
+add("mixtures.Dataset.sample_given", lambda c: DATA.sample_given(c, generator=g()), c=C)
+for _name in ("petals", "moving_modes", "rotating_pair", "eight_gaussians", "moons", "fork"):
+    _data = getattr(mixtures, _name)()
+    _c = _data.sample_conditions(N, generator=g())
+    _key = f"mixtures.ConditionalGaussianMixture.{{}}, {_name}"
+    add(_key.format("sample_given"), lambda c, d=_data: d.sample_given(c, generator=g()), c=_c)
+    add(_key.format("log_density"), _data.log_density, x=X0, c=_c)
+    add(_key.format("velocity"), lambda x, c, d=_data: d.velocity(0.5, x, c), x=X0, c=_c)
+add(
+    "mixtures.ConditionalGaussianMixture.velocity",
+    PETALS.velocity,
+    t=torch.full((N,), 0.5),
+    x=X0,
+    c=C,
+)
+
+# --- the solvable case ---
+
+add(
+    "gaussian.LinearGaussian",
+    gaussian.LinearGaussian,
+    A=LINEAR.A,
+    b=LINEAR.b,
+    S=LINEAR.S,
+    S_c=LINEAR.S_c,
+)
+_flow = LINEAR.flow(1.0)
+add("gaussian.AffineFlow.law_after", _flow.law_after, c=np.array([0.3]))
+add(
+    "gaussian.AffineFlow.velocity",
+    lambda x, c: _flow.velocity(0.5, x, c),
+    x=np.ones((N, 2)),
+    c=np.ones((N, 1)),
+)
+add("gaussian.bures_map", gaussian.bures_map, source=SPD, target=np.eye(2))
+add("gaussian.bures_squared", gaussian.bures_squared, first=SPD, second=np.eye(2))
+
+# --- data of one's own ---
+
+_scale = Scale(torch.ones(2, 2), torch.ones(2, 3))
+_few = report.FewStepModel(flows.VelocityMLP(2, 3, width=8, depth=1, seed=0), _scale, {})
+add("report.FewStepModel.sample", lambda c: _few.sample(c, generator=g()), c=C)
+add("report.from_arrays", report.from_arrays, x1=X1.numpy(), c=C.numpy(), group=np.arange(N))
+add(
+    "report.from_episodes",
+    lambda state, action, ends: report.from_episodes(state, action, ends, predict=2),
+    state=X0.numpy(),
+    action=X1.numpy(),
+    ends=np.array([2, 6]),
+)

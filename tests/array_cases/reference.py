@@ -1,0 +1,113 @@
+"""What the reference lists, and which of it takes arrays."""
+
+from __future__ import annotations
+
+import fnmatch
+import importlib
+import inspect
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+_DOCS = Path(__file__).resolve().parents[2] / "docs"
+sys.path.insert(0, str(_DOCS / "extensions"))
+from modules import module_names, public_names  # noqa: E402
+
+_ARRAY = re.compile(r"\b(Tensor|Arrays?|ArrayLike|NDArray|Pairs)\b")
+_FUNCTION = re.compile(r"Callable\[\[.*?\], [^\]]*\]")  # takes arrays itself, and is none
+
+#: Patterns of what has no case, and why.
+WITHOUT = {
+    "couplings.Coupling.*": "abstract: the couplings are tried",
+    "couplings.*.match": "a part of a call, which has looked at everything",
+    "couplings.*.weight": "a part of a call",
+    "couplings.*.condition_cost": "a part of a call",
+    "couplings.MinibatchOT.pair": "a part of a call",
+    "couplings.ModelAligned.errors": "a part of a call",
+    "couplings.ModelAligned.row_errors": "a part of a call",
+    "*.load_state_dict": "takes back what state_dict gave; tests/test_damage.py",
+    "flows.networks.TimeFeatures.*": "a layer, inside networks that are tried",
+    "flows.networks.SpatialSoftmax.*": "a layer, inside networks that are tried",
+    "flows.diffusion.Diffusion.*_step": "a part of ddim or ddpm",
+    "potentials.ConvexPotential.*": "abstract: the potentials are tried",
+    "potentials.*.value": "the formula, called when x and c have been checked",
+    "potentials.*.given": "puts in a condition that `check` has returned",
+    "robots.policies.ChunkPolicy": "keeps what a coupling had fitted",
+    "robots.*Frame.*": "called by Windows, which has checked actions and states",
+    "robots.task.World.*": "called by Windows",
+    "robots.task.Task": "a record of the package's own tasks",
+    "robots.arm.kinematics.Chain": "a record of the arm",
+    "robots.arm.model.scene": "called by ArmWorlds with states that it has checked",
+    "robots.arm.rendering.Painter.paint": "called by the environment with states of its own",
+    "robots.episodes.lerobot.pose_of": "called by the reader, which has checked the columns",
+    "robots.experts.*": "demonstrators see states of their own simulation only",
+    "robots.push_t.geometry.nearest_side": "called by the worlds with states of their own",
+    "robots.push_t.rasteriser.paint": "a part of `rasterise`",
+    "robots.push_t.simulation.checked": "the check itself",
+    "robots.rollout.with_thresholds": "called with outcomes of the worlds",
+    "robots.visuomotor.shifted": "a part of CameraLoss",
+    "storage.save_tensors": "stores any tensors; tests/test_storage.py",
+} | dict.fromkeys(
+    (
+        "mixtures.Components",
+        "gaussian.AffineFlow",
+        "diagnostics.FrontierPoint",
+        "flows.FitResult",
+        "flows.Solution",
+        "potentials.Inversion",
+        "report.Rows",
+        "report.Trial",
+        "robots.arm.Solution",
+        "robots.rollout.Rollouts",
+        "robots.training.Trained",
+    ),
+    "a record that functions of the package return",
+)
+
+
+def public() -> dict[str, Any]:
+    """Name -> what the reference lists: functions, classes, and their methods, own or inherited."""
+    found: dict[str, Any] = {}
+    seen: set[int] = set()
+    for page in sorted((_DOCS / "reference" / "api").glob("*.md")):
+        for block in re.findall(r"\.\. modules::\n\n(.*?)```", page.read_text("utf-8"), re.DOTALL):
+            for name in (n for p in block.split() for n in fnmatch.filter(module_names(), p)):
+                module = importlib.import_module(name)
+                for key in public_names(module):
+                    value = getattr(module, key)
+                    if callable(value) and id(value) not in seen:
+                        seen.add(id(value))
+                        path = f"{name.removeprefix('cotlearn.')}.{key}"
+                        found |= {path: value, **dict(_methods(path, value))}
+    return found
+
+
+def _methods(path: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if not inspect.isclass(value):
+        return
+    for name in dir(value):
+        method = getattr(value, name)
+        own = (getattr(method, "__module__", None) or "").startswith("cotlearn")
+        if own and inspect.isroutine(method) and (name == "__call__" or name[0] != "_"):
+            yield f"{path}.{name}", method
+
+
+def that_take_arrays() -> set[str]:
+    """The names of those with an argument that is an array, but protocols: they do nothing."""
+    listed = public()
+    protocols = {name for name, value in listed.items() if getattr(value, "_is_protocol", False)}
+    return {
+        name
+        for name, value in listed.items()
+        if _takes_arrays(value) and not {name, name.rpartition(".")[0]} & protocols
+    }
+
+
+def _takes_arrays(value: Callable[..., Any]) -> bool:
+    try:
+        arguments = inspect.signature(value).parameters.values()
+    except (TypeError, ValueError):  # of some exceptions and enumerations
+        return False
+    return any(_ARRAY.search(_FUNCTION.sub("", str(a.annotation))) for a in arguments)
