@@ -6,8 +6,9 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from cotlearn.plots.style import COLORS
@@ -101,6 +102,16 @@ def finish(
 def legend_beside(ax: Axes) -> None:
     """A legend of classes to the right of a plane."""
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handletextpad=0.2, markerscale=1.8)
+
+
+def plain_logarithms(axis: Axis) -> None:
+    """Write 0.5 and 20 on a logarithmic axis instead of powers of ten, where they are short."""
+    low, high = sorted(axis.get_view_interval())
+    if high < 40 * low:  # one or two powers of ten: name steps between
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    if low >= 1e-3 and high < 2e4:
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_formatter(NullFormatter())
 
 
 def floor_line(ax: Axes, at: float, label: str, *, vertical: bool = False) -> None:

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
+
+from cotlearn.plots.style import readable
 
 
 def place_labels(
@@ -45,7 +48,13 @@ def place_labels(
     ]
     for k in np.argsort(-at[:, 1]):
         note = ax.annotate(
-            texts[k], (x[k, 1], y[k, 1]), fontsize=8, color=colors[k], in_layout=False
+            texts[k],
+            (x[k, 1], y[k, 1]),
+            fontsize=8,
+            color=readable(colors[k]),
+            in_layout=False,
+            path_effects=[withStroke(linewidth=2.0, foreground="white")],  # over lines and bars
+            zorder=5,
         )
         size = note.get_window_extent()
 

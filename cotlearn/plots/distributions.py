@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from cotlearn.plots._arrays import as_array, refuse_unknown
-from cotlearn.plots._canvas import finish, floor_line, open_axes
+from cotlearn.plots._canvas import finish, floor_line, open_axes, plain_logarithms
 from cotlearn.plots.style import label_of, style_of
 
 
@@ -61,6 +61,8 @@ def bars(
     if log:
         ax.set_xscale("log")
     ax.margins(x=0.14)
+    if log:
+        plain_logarithms(ax.xaxis)
     ax.set_yticks(range(len(values)), [label_of(name, labels) for name in values])
     ax.invert_yaxis()
     return finish(ax, xlabel=ylabel, title=title)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from cotlearn.plots._arrays import as_array
-from cotlearn.plots._canvas import CHART, finish, floor_line, open_axes
+from cotlearn.plots._canvas import CHART, finish, floor_line, open_axes, plain_logarithms
 from cotlearn.plots.style import label_of, style_of
 
 
@@ -69,6 +69,7 @@ def error_against_nfe(
     ax.set_xscale("log", base=2)
     if log:
         ax.set_yscale("log")
+        plain_logarithms(ax.yaxis)
     ax.set_xticks(steps, [f"{s:g}" for s in steps])
     ax.minorticks_off()
     ax.grid(True)
@@ -118,8 +119,10 @@ def curves(
         ax.plot(position, line, label=label_of(name, labels), **style_of(name))
     if "x" in log:
         ax.set_xscale("log")
+        plain_logarithms(ax.xaxis)
     if "y" in log:
         ax.set_yscale("log")
+        plain_logarithms(ax.yaxis)
     ax.grid(True)
     return finish(ax, xlabel=xlabel, ylabel=ylabel, title=title, legend=legend)
 

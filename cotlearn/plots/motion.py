@@ -112,8 +112,8 @@ def film(images: Sequence[NDArray[np.uint8]], *, fps: int = 10, colors: int = 64
     Raises:
         ValueError: no images, or arrays that are none.
     """
-    if len(images) == 0 or any(np.ndim(image) != 3 for image in images):
-        raise ValueError("images must be at least one array of shape (height, width, 3)")
+    if np.ndim(images) == 0 or len(images) == 0 or any(not _is_picture(i) for i in images):
+        raise ValueError("images must be uint8 arrays of shape (height, width, 3), at least one")
     frames = [Image.fromarray(image).quantize(colors, dither=Image.Dither.NONE) for image in images]
     with io.BytesIO() as target:
         frames[0].save(
@@ -125,6 +125,11 @@ def film(images: Sequence[NDArray[np.uint8]], *, fps: int = 10, colors: int = 64
             loop=0,
         )
         return Gif(target.getvalue())
+
+
+def _is_picture(image: Any) -> bool:
+    array = np.asarray(image)
+    return array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3 and array.size > 0
 
 
 def gif_bytes(animation: FuncAnimation, *, fps: int = 9, dpi: int = 72) -> bytes:

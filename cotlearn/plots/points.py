@@ -30,12 +30,12 @@ def scatter(
     condition_label: str = "condition $c$",
     legend: bool = False,
 ) -> Axes:
-    """Scatter points coloured by their condition, with the source in dark behind them.
+    """Scatter points coloured by their condition, with the noise in dark behind them.
 
     Args:
         x: (n, 2) points.
         c: None, one-hot (n, K), classes (n,), or continuous (n, 1) or (n,).
-        x0: optional source points (m, 2), drawn small and dark.
+        x0: optional noise (or other source) points (m, 2), drawn small and dark.
         ax: where to draw; a new figure by default.
         title: words above the panel.
         limit: both axes run from -limit to limit; fitted to the data by default.
@@ -52,7 +52,7 @@ def scatter(
     ax = open_plane(ax, legend=legend)
     if source is not None:
         look: dict[str, Any] = {"color": SOURCE_COLOR, "alpha": 0.45, "linewidths": 0}
-        ax.scatter(source[:, 0], source[:, 1], s=size * 0.6, label="source", **look)
+        ax.scatter(source[:, 0], source[:, 1], s=size * 0.6, label="noise", **look)
     dots: dict[str, Any] = {"s": size, "alpha": 0.75, "linewidths": 0}
     across, up = points.T
     if values is None:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.plots._arrays import as_array, refuse_unknown
-from cotlearn.plots._canvas import CHART, finish, open_axes
+from cotlearn.plots._canvas import CHART, finish, open_axes, plain_logarithms
 from cotlearn.plots.style import PATH_COLOR, SOURCE_COLOR, label_of, style_of
 
 Scores = Mapping[str, Mapping[int, ArrayLike | Any]]
@@ -116,6 +116,7 @@ def score_against_latency(
         anchor = (deadline, 0.02)
         ax.annotate(" deadline", anchor, xycoords=("data", "axes fraction"), fontsize=8)
     ax.set_xscale("log")
+    plain_logarithms(ax.xaxis)
     _number(ax, marks)
     ax.grid(True)
     finish(ax, xlabel="milliseconds for a chunk", ylabel=ylabel, title=title)

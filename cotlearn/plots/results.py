@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from cotlearn.plots._arrays import as_array, refuse_unknown
-from cotlearn.plots._canvas import finish, floor_line, open_axes
+from cotlearn.plots._canvas import finish, floor_line, open_axes, plain_logarithms
 from cotlearn.plots.style import SOURCE_COLOR, label_of, style_of
 
 
@@ -50,7 +50,9 @@ def beside_published(
     scores = {**rows, **{f"published {k}": np.atleast_1d(v) for k, v in published.items()}}
     for name, values in scores.items():
         if values.ndim != 1 or not values.size or not (np.isfinite(values) & (values > 0)).all():
-            raise ValueError(f"{name!r} must have positive finite scores, got {values.tolist()}")
+            raise ValueError(
+                f"ours and published must be positive and finite, got {name!r}: {values.tolist()}"
+            )
     ax = open_axes(ax, (5.2, 1.1 + 0.34 * len(rows)))
     hollow: dict[str, Any] = {"marker": "D", "markerfacecolor": "white", "linestyle": "none"}
     for row, (name, values) in enumerate(rows.items()):
@@ -66,6 +68,7 @@ def beside_published(
         ax.plot([], [], color=SOURCE_COLOR, label="published", **hollow)
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     ax.set_xscale("log")
+    plain_logarithms(ax.xaxis)
     ax.set_yticks(range(len(rows)), [label_of(name, labels) for name in rows])
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.grid(True, axis="x")

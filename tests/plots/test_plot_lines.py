@@ -41,6 +41,20 @@ def test_curves_and_training_curves():
     assert len(plots.training_curves({"independent": history}).get_lines()) == 2
 
 
+def test_short_numbers_are_written_out_on_logarithmic_axes():
+    ax = plots.curves([1, 512], {"truth": [0.2, 3.5]}, xlabel="", ylabel="", log="xy")
+    ax.figure.canvas.draw()
+    across, up = (
+        {text.get_text() for text in axis.get_ticklabels() + axis.get_ticklabels(minor=True)}
+        for axis in (ax.xaxis, ax.yaxis)
+    )
+    assert {"1", "10", "100"} <= across
+    assert {"0.2", "0.5", "1", "2"} <= up
+    wide = plots.curves([1, 2], {"truth": [1e-8, 1]}, xlabel="", ylabel="", log="y")
+    wide.figure.canvas.draw()
+    assert any("10^" in text.get_text() for text in wide.get_yticklabels())
+
+
 BAD_CALLS = {
     "nfe has": lambda: plots.error_against_nfe([0, 1], {"truth": [1, 1]}),
     "errors['truth'] has": lambda: plots.error_against_nfe([1, 2], {"truth": [1, 1, 1]}),

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.colors import to_rgb
 
 from cotlearn import plots
+from cotlearn.plots.style import readable
 
 METHOD_NAMES = {
     "independent",
@@ -41,6 +43,14 @@ def test_use_style_changes_the_figure():
 def test_colours_are_valid():
     for color in (*plots.COLORS.values(), *plots.CONDITION_COLORS):
         assert len(to_rgb(color)) == 3
+
+
+def test_small_text_is_readable_on_white():
+    for color in plots.COLORS.values():
+        rgb = np.array(to_rgb(readable(color)))
+        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        assert 1.05 / (linear @ [0.2126, 0.7152, 0.0722] + 0.05) > 4.4
+    assert readable("#0072B2") == "#0072b2"  # dark enough as it is
 
 
 def test_strangers_get_looks_of_their_own_and_keep_them():
