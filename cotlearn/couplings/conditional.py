@@ -108,6 +108,7 @@ class ConditionalOT(Coupling):
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
         """Rows whose condition costs no more than an average sample distance."""
+        self.check_batch(x0, x1, c)
         assert c is not None
         numbers = check_condition(c)
         if self.condition is not None:
@@ -116,7 +117,8 @@ class ConditionalOT(Coupling):
         cost, sample_cost = self.condition_cost(numbers, numbers), squared_distances(x0, x1)
         if self.condition_weight == math.inf:
             return float((cost == 0).sum(axis=1).mean())
-        weight = self.weight(sample_cost, cost, np.arange(len(cost)))
+        own = np.random.default_rng(0).permutation(len(cost))  # the rows may be pairs already
+        weight = self.weight(sample_cost, cost, own)
         return float((weight * cost <= sample_cost.mean()).sum(axis=1).mean())
 
     def condition_cost(self, c0: Tensor, c: Tensor) -> NDArray[np.float64]:

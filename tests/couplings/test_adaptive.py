@@ -243,3 +243,12 @@ def test_its_constructors_and_name():
 def test_bad_input(call, error, message):
     with pytest.raises(error, match=message):
         call(batch())
+
+
+def test_candidates_do_not_depend_on_whether_the_rows_are_pairs_already():
+    x0, x1, c = batch(200)
+    coupling = AdaptiveConditionalOT(0.05)
+    paired = coupling(x0, x1, c, generator=seeded(1))
+    before = coupling.candidates(x0, x1, c)
+    after = coupling.candidates(paired.x0, paired.x1, paired.c)
+    assert after == pytest.approx(before, rel=0.3)  # it was three times as many
