@@ -115,6 +115,7 @@ def points(advice: Recommendation) -> list[dict[str, Any]]:
     columns = ("skew", "one_step_variance", "one_step_error", "one_step_score", "candidates")
     return [
         {"name": p.name, "flagged": p.flagged}
+        | {"linear_skew": None if p.linear_skew is None else round(p.linear_skew.explained, 5)}
         | {column: round(getattr(p, column), 5) for column in columns}
         for p in advice.frontier
     ]

@@ -64,6 +64,7 @@ def tables(findings: Findings) -> dict[str, Any]:
             "name": p.name,
             "skew": f"{p.skew:.3f}",
             "flagged": "yes" if p.flagged else "no",
+            "explained": "-" if p.linear_skew is None else f"{100 * p.linear_skew.explained:.1f} %",
             "variance": f"{p.one_step_variance:.3g}",
             "score": f"{p.one_step_score:.3f}",
             "gain": f"{100 * (1 - p.one_step_score / free.one_step_score):+.1f} %",
