@@ -46,6 +46,16 @@ def check_dtype(value: Tensor, name: str, wanted: torch.dtype) -> None:
         raise TypeError(f"{name} must have the type {wanted}, as the weights, got {value.dtype}")
 
 
+def check_shape(value: Any, name: str, shape: tuple[int, ...]) -> Tensor:
+    """Return `value` if it is a floating-point tensor of this shape, whatever its numbers."""
+    if not isinstance(value, Tensor) or not value.is_floating_point():
+        got = value.dtype if isinstance(value, Tensor) else type(value).__name__
+        raise TypeError(f"{name} must be a floating-point tensor, got {got}")
+    if value.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {tuple(value.shape)}")
+    return value
+
+
 def check_condition(value: Any, name: str = "c") -> Tensor:
     """Return a condition as a floating-point tensor of shape (n, k).
 

@@ -106,6 +106,7 @@ class ModelAligned(Coupling):
         """1 but for "full": all rows of the batch, or with a weight those of near conditions."""
         if self.variant != "full":
             return 1.0
+        self.check_batch(x0, x1, c)
         if not self.condition_weight or c is None:
             return float(len(x1))
         numbers = check_condition(c)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -52,6 +52,8 @@ class Pairs:
         if self.c is not None and (not isinstance(self.c, Tensor) or self.c.ndim != 2):
             shape = getattr(self.c, "shape", type(self.c).__name__)
             raise ValueError(f"c must be a tensor of shape (rows, columns), got {shape}")
+        if self.c is not None and len(self.c) != len(self.x0):
+            raise ValueError(f"c has {len(self.c)} rows, x0 has {len(self.x0)}")
 
     def __len__(self) -> int:
         return len(self.x0)
@@ -107,12 +109,12 @@ class Coupling:
     that look at the model set `uses_network` and override `observe`.
     """
 
-    name: ClassVar[str] = "coupling"
-    uses_network: ClassVar[bool] = False
-    uses_ot_batch: ClassVar[bool] = False  #: more rows paired at once give each a better choice
-    whole_data: ClassVar[bool] = False  #: all the data are looked at: no ot_batch_size applies
-    solves: ClassVar[bool] = True  #: pairing takes long enough to be done in the background
-    needs_condition: ClassVar[bool] = False
+    name: str = "coupling"
+    uses_network: bool = False
+    uses_ot_batch: bool = False  #: more rows paired at once give each a better choice
+    whole_data: bool = False  #: all the data are looked at: no ot_batch_size applies
+    solves: bool = True  #: pairing takes long enough to be done in the background
+    needs_condition: bool = False
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Which rows of x0 and x1 meet; arguments are checked already."""
@@ -140,13 +142,7 @@ class Coupling:
             TypeError: an input is not a floating-point tensor, or c is needed and None.
             ValueError: shapes do not match, a batch is empty, or values are not finite.
         """
-        check_matrix(x0, "x0")
-        check_matrix(x1, "x1", columns=x0.shape[1])
-        check_same_rows(x1, "x1", x0, "x0")
-        if c is not None:
-            check_same_rows(check_condition(c), "c", x0, "x0")
-        elif self.needs_condition:
-            raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
+        self.check_batch(x0, x1, c)
         with torch.no_grad():
             match = self.match(x0, x1, c, _numpy_rng(generator))
         source = torch.from_numpy(match.source_index).to(x0.device)
@@ -156,6 +152,16 @@ class Coupling:
         if label is None and c is not None:
             label = c[target.to(c.device)]
         return Pairs(x0[source], paired, label, source, target, match.weight)
+
+    def check_batch(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> None:
+        """Raise TypeError or ValueError unless this is a batch, as for a call."""
+        check_matrix(x0, "x0")
+        check_matrix(x1, "x1", columns=x0.shape[1])
+        check_same_rows(x1, "x1", x0, "x0")
+        if c is not None:
+            check_same_rows(check_condition(c), "c", x0, "x0")
+        elif self.needs_condition:
+            raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
 
     def stream(
         self,

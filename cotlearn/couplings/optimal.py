@@ -53,6 +53,7 @@ class MinibatchOT(Coupling):
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
         """All rows of the batch."""
+        self.check_batch(x0, x1, c)
         return float(len(x1))
 
     def pair(self, cost: NDArray[np.float64], rng: np.random.Generator) -> Match:

@@ -182,6 +182,7 @@ class SemidiscreteOT(Coupling):
         number = float((sizes**2).sum() / sizes.sum())
         if not self.condition_weight or self._c is None:
             return number
+        self.check_batch(x0, x1, c)
         rows = torch.randperm(len(self._x1), generator=generator_for(self.seed, 0, purpose=9))[:512]
         cost = self.condition_weight * squared_distances(self._c[rows], self._c[rows])
         near = cost <= squared_distances(x0, x1).mean()

@@ -66,7 +66,7 @@ class Guided:
 
     def __call__(self, t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
         """The guided velocity, (B, d)."""
-        if c is None:
-            raise TypeError("a guided velocity needs a condition c, got None")
+        if not isinstance(c, Tensor):
+            raise TypeError(f"a guided velocity needs a condition c, got {type(c).__name__}")
         plain = self.velocity(t, x, torch.zeros_like(c))
         return plain + self.scale * (self.velocity(t, x, c) - plain)

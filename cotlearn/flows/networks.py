@@ -317,7 +317,8 @@ class ImageEncoder(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """(B, features) from images (B, 3, height, width), values from -1 to 1."""
-        if images.ndim != 4 or images.shape[1] != 3:
+        check_dtype(images, "images", self.last.weight.dtype)
+        if images.ndim != 4 or images.shape[1] != 3 or 0 in images.shape:
             raise ValueError(
                 f"images must have shape (rows, 3, height, width), got {tuple(images.shape)}"
             )

@@ -114,7 +114,8 @@ def film(images: Sequence[NDArray[np.uint8]], *, fps: int = 10, colors: int = 64
     """
     if np.ndim(images) == 0 or len(images) == 0 or any(not _is_picture(i) for i in images):
         raise ValueError("images must be uint8 arrays of shape (height, width, 3), at least one")
-    frames = [Image.fromarray(image).quantize(colors, dither=Image.Dither.NONE) for image in images]
+    pictures = [Image.fromarray(np.asarray(image)) for image in images]
+    frames = [picture.quantize(colors, dither=Image.Dither.NONE) for picture in pictures]
     with io.BytesIO() as target:
         frames[0].save(
             target,

@@ -51,7 +51,7 @@ def beside_published(
     for name, values in scores.items():
         if values.ndim != 1 or not values.size or not (np.isfinite(values) & (values > 0)).all():
             raise ValueError(
-                f"ours and published must be positive and finite, got {name!r}: {values.tolist()}"
+                f"ours, published: {name!r} must have positive finite scores, got {values.tolist()}"
             )
     ax = open_axes(ax, (5.2, 1.1 + 0.34 * len(rows)))
     hollow: dict[str, Any] = {"marker": "D", "markerfacecolor": "white", "linestyle": "none"}

@@ -182,7 +182,13 @@ class ChunkPolicy:
         """Chunks (B, d), as the network sees them, from noise (draws, B, d) under conditions c.
 
         A network with a camera looks once, whatever the number of evaluations.
+
+        Raises:
+            ValueError: noise and conditions do not fit each other or the policy.
         """
+        expected = (self.sampler.draws, *c.shape[:1], self.windows.dim)
+        if noise.shape != expected:
+            raise ValueError(f"noise must have shape {expected}, got {tuple(noise.shape)}")
         if isinstance(self.network, CameraNetwork):
             return self.sampler(self.network.head, noise, self.network.encode(c))
         return self.sampler(self.network, noise, c)
@@ -208,8 +214,6 @@ class ChunkPolicy:
         history = self.windows.check_history(history)
         if noise is None:
             noise = self.noise(len(history), generator)
-        elif noise.shape != (expected := (self.sampler.draws, len(history), self.windows.dim)):
-            raise ValueError(f"noise must have shape {expected}, got {tuple(noise.shape)}")
         x = self.draw(noise, self.windows.condition(history))
         actions = self.windows.actions(x, history)
         if not np.isfinite(actions).all():

@@ -19,7 +19,7 @@ from cotlearn.flows.matching import Loss
 from cotlearn.flows.networks import ImageEncoder, ResidualMLP
 from cotlearn.robots.push_t.camera import AGENT, PLACE, TURN, Camera
 from cotlearn.robots.push_t.task import GOAL, SIZE
-from cotlearn.validation import check_count
+from cotlearn.validation import check_count, check_dtype, check_shape
 
 POSE = 4  #: x, y, cosine and sine
 _UNIT = SIZE / 4  #: a length that counts as 1 in features
@@ -78,12 +78,18 @@ class CameraNetwork(nn.Module):
 
         The first four are the pose: x and y, the middle of the world as 0, cosine and sine.
         """
+        size = self.camera.size
+        check_shape(hand, "hand", (*hand.shape[:1], 2 * self.camera.observe))
+        wanted = (len(hand), size, size, 3)
+        if not isinstance(pictures, Tensor) or pictures.shape != wanted:
+            raise ValueError(f"pictures must be a tensor {wanted}, got {tuple(pictures.shape)}")
         images = pictures.permute(0, 3, 1, 2).float() / 127.5 - 1
         return torch.cat([self.encoder(images), hand], dim=1)
 
     def pose_error(self, features: Tensor, c: Tensor) -> Tensor:
         """The squared error of the pose, (B,)."""
         now = self.camera.scenes(c)[:, -1]
+        check_shape(features, "features", (len(c), self.head.condition_dim))
         pose = torch.cat([(now[:, PLACE] - SIZE / 2) / _UNIT, now[:, TURN]], dim=1)
         return (features[:, :POSE] - pose).square().sum(dim=1)
 
@@ -122,6 +128,9 @@ class TurnedMLP(nn.Module):
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor) -> Tensor:
         """The velocity (B, d) at time t, x (B, d) and features c (B, k)."""
+        check_dtype(x, "x", self.inner.first.weight.dtype)
+        check_shape(x, "x", (*x.shape[:1], self.dim))
+        check_shape(c, "c", (len(x), self.condition_dim))
         place, free, hand = (
             c[:, None, :2],
             c[:, POSE : -2 * self.observe],

@@ -21,6 +21,7 @@ _FUNCTION = re.compile(r"Callable\[\[.*?\], [^\]]*\]")  # takes arrays itself, a
 #: Patterns of what has no case, and why.
 WITHOUT = {
     "couplings.Coupling.*": "abstract: the couplings are tried",
+    "couplings.*.check_batch": "the check itself",
     "couplings.*.match": "a part of a call, which has looked at everything",
     "couplings.*.weight": "a part of a call",
     "couplings.*.condition_cost": "a part of a call",
@@ -30,10 +31,10 @@ WITHOUT = {
     "*.load_state_dict": "takes back what state_dict gave; tests/test_damage.py",
     "flows.networks.TimeFeatures.*": "a layer, inside networks that are tried",
     "flows.networks.SpatialSoftmax.*": "a layer, inside networks that are tried",
-    "flows.diffusion.Diffusion.*_step": "a part of ddim or ddpm",
     "potentials.ConvexPotential.*": "abstract: the potentials are tried",
     "potentials.*.value": "the formula, called when x and c have been checked",
     "potentials.*.given": "puts in a condition that `check` has returned",
+    "robots.policies.*Sampler.__call__": "called by ChunkPolicy.draw, which has looked",
     "robots.policies.ChunkPolicy": "keeps what a coupling had fitted",
     "robots.*Frame.*": "called by Windows, which has checked actions and states",
     "robots.task.World.*": "called by Windows",

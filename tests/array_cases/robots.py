@@ -48,19 +48,6 @@ for _name in ("act", "chunk"):
     )
 _condition = _windows.condition(_history)
 add("robots.policies.ChunkPolicy.draw", _policy.draw, noise=_chunks[None], c=_condition)
-for _sampler in (
-    policies.FlowSampler(1),
-    policies.DDPMSampler(2),
-    policies.DDIMSampler(1, levels=2),
-    policies.MeanSampler(),
-):
-    add(
-        f"robots.policies.{type(_sampler).__name__}.__call__",
-        lambda noise, c, f=_sampler: f(_policy.network, noise, c),
-        bare=("noise", "c"),
-        noise=rows(3 * _sampler.draws, _windows.dim).view(_sampler.draws, 3, -1),
-        c=_condition,
-    )
 add(
     "robots.episodes.Windows",
     lambda observation_range, action_range: episodes.Windows(

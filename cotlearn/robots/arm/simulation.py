@@ -234,7 +234,9 @@ class ArmWorlds:
 
     def _running(self, active: NDArray[np.bool_] | None) -> NDArray[np.int64]:
         running = ~self.done
-        return np.flatnonzero(running if active is None else running & active)
+        if active is not None and np.shape(active) != running.shape:
+            raise ValueError(f"active has shape {np.shape(active)}, expected {running.shape}")
+        return np.flatnonzero(running if active is None else running & np.asarray(active, bool))
 
     def _lead(self, rows: NDArray[np.int64], goals: Array) -> None:
         """Leads the joints of some worlds to goals (rows, 7), evenly over the control step."""
