@@ -10,6 +10,7 @@ needs no network.
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -121,6 +122,7 @@ def problems_of(path: Path, page: Page, pages: dict[Path, Page]) -> Iterator[str
 def main() -> int:
     """Check the words, build, check the pages; return 0 if all is well."""
     found = misspelled(ROOT / "build" / "words")
+    shutil.rmtree(SITE, ignore_errors=True)  # pages that are no more would still answer links
     status = build(SITE)
     if status == 0:
         found += problems(SITE)
