@@ -44,6 +44,7 @@ extensions = [
     "links",
     "modules",
     "timetable",
+    "wide_figures",
 ]
 suppress_warnings = ["config.cache"]
 

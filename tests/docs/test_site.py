@@ -64,6 +64,14 @@ def test_a_chapter_shows_its_figures_with_their_texts(site, path):
     assert 'class="cell_output' in html, "the stored outputs are not shown"
 
 
+def test_rows_of_panels_are_marked_as_wide(site):
+    tags = re.findall(r"<img[^>]*>", page(site, "notebooks/01_flow_matching_in_2d"))
+    [panels] = [tag for tag in tags if "Four panels" in tag]
+    [chart] = [tag for tag in tags if "Two curves" in tag]
+    assert 'class="wide' in panels
+    assert "wide" not in chart
+
+
 def test_every_notebook_is_a_chapter_in_order(site):
     found = re.findall(r'href="\.\./notebooks/(\d\d_\w+)\.html"', page(site, "docs/index"))
     assert list(dict.fromkeys(found)) == [path.stem for path in NOTEBOOKS]
