@@ -23,7 +23,7 @@ from cotlearn.couplings.base import generator_for
 from cotlearn.diagnostics import linear_skew, prior_skew
 from cotlearn.robots.benchmark.choice import seen_by
 from cotlearn.robots.episodes import read, split
-from cotlearn.robots.training import Options, coupling_for
+from cotlearn.robots.training import Options
 
 SETTING = {"rows": 20_000, "batch_size": 512, "seed": 0, "held_out": 200}
 WEIGHTS = (5.33, 16.0, 53.3)  #: what `cotlearn bench push-t` took, 3 and 10 times as much
@@ -45,7 +45,7 @@ def main() -> None:
         value = {key["option"]: key["value"]} if "option" in key else {}
         options = Options(frame="body", **value)
         data = seen_by(training, options)
-        stream = coupling_for(key["method"], options).stream(
+        stream = options.coupling_of(key["method"]).stream(
             data,
             batch_size=SETTING["batch_size"],
             generator=generator_for(SETTING["seed"], 0),

@@ -11,6 +11,7 @@ from cotlearn.couplings.conditions import (
     combine,
     standardise,
 )
+from cotlearn.couplings.framed import Framed
 from cotlearn.couplings.independent import Independent
 from cotlearn.couplings.optimal import MinibatchOT
 from cotlearn.couplings.reflow import Reflow
@@ -21,6 +22,7 @@ __all__ = [
     "AdaptiveConditionalOT",
     "ConditionalOT",
     "Coupling",
+    "Framed",
     "Independent",
     "KMeansCondition",
     "MinibatchOT",

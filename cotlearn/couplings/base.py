@@ -245,14 +245,14 @@ class Coupling:
 
     def __repr__(self) -> str:
         options = ", ".join(
-            f"{name}={_spelled(value)}"
+            f"{name}={spelled(value)}"
             for name, value in vars(self).items()
             if not name.startswith("_")
         )
         return f"{type(self).__name__}({options})"
 
 
-def _spelled(value: object) -> str:
+def spelled(value: object) -> str:
     """`repr`, but a function by its name: a checkpoint compares these texts between processes."""
     return getattr(value, "__qualname__", None) or repr(value)
 

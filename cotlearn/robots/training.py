@@ -150,6 +150,29 @@ class Options:
         """
         return None
 
+    def coupling_of(
+        self, method: str, seen: Viewed | None = None, windows: Windows | None = None
+    ) -> Coupling:
+        """The coupling that a method trains with (reflow: its teacher).
+
+        Args:
+            method: a key of `METHODS`.
+            seen: what `condition_of` gave for it.
+            windows: that made the data.
+        """
+        if method == "minibatch_ot":
+            return MinibatchOT()
+        if method == "conditional_ot":
+            weight = BALANCED if self.condition_weight is None else self.condition_weight
+            return ConditionalOT(weight, condition=seen)
+        if method in ("stratified", "residual"):
+            if self.clusters is None:
+                raise ValueError("clusters must be a number by now, got None: see with_choice")
+            return StratifiedOT(seen or self.clusters, residual=method == "residual")
+        if method == "aligned":
+            return ModelAligned("weighted", warmup_steps=self.steps // 5)
+        return Independent()
+
     def fitting(self, episodes: Episodes) -> Options:
         """These options where the episodes have intentions; human demonstrators do not say."""
         return replace(self, label="action") if episodes.intention is None else self
@@ -232,7 +255,11 @@ def train(
         result, seconds = _reflow(teacher.policy.network, data, seed, options, place, progress)
         seconds += teacher.seconds
     else:
-        coupling, loss, seconds = coupling_for(method, options, seen), options.loss_of(method), 0.0
+        coupling, loss, seconds = (
+            options.coupling_of(method, seen, windows),
+            options.loss_of(method),
+            0.0,
+        )
         result = _fit(network, data, coupling, loss, seed, options, place, progress)
     seconds += float(result.history["seconds"][-1])
     policy = ChunkPolicy(
@@ -244,28 +271,6 @@ def train(
     )
     parameters = sum(p.numel() for p in result.network.parameters())
     return Trained(policy, result.history, seconds, parameters)
-
-
-def coupling_for(method: str, options: Options, seen: Viewed | None = None) -> Coupling:
-    """The coupling that a method trains with (reflow: its teacher).
-
-    Args:
-        method: a key of `METHODS`.
-        options: of the training.
-        seen: what `options.condition_of` gave for it.
-    """
-    if method == "minibatch_ot":
-        return MinibatchOT()
-    if method == "conditional_ot":
-        weight = BALANCED if options.condition_weight is None else options.condition_weight
-        return ConditionalOT(weight, condition=seen)
-    if method in ("stratified", "residual"):
-        if options.clusters is None:
-            raise ValueError("clusters must be a number by now, got None: see with_choice")
-        return StratifiedOT(seen or options.clusters, residual=method == "residual")
-    if method == "aligned":
-        return ModelAligned("weighted", warmup_steps=options.steps // 5)
-    return Independent()
 
 
 def sampler_for(method: str, clip: float) -> Sampler:

@@ -153,6 +153,31 @@ def _turned(points: Tensor, facing: Tensor, sign: int) -> Tensor:
     return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=2)
 
 
+class SeenFromT:
+    """Chunks turned as the true T of a scene faces: the frame of `TurnedMLP`, for `Framed` pairs.
+
+    The pose is known where pairs are made, in training, as it is to `CameraLoss`.
+
+    Args:
+        camera: for scenes on this scale.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+
+    def into(self, x: Tensor, c: Tensor) -> Tensor:
+        """Chunks x (B, d) of scenes c (B, k), as seen from the T."""
+        return self._turned(x, c, -1)
+
+    def out(self, x: Tensor, c: Tensor) -> Tensor:
+        """The inverse of `into`."""
+        return self._turned(x, c, 1)
+
+    def _turned(self, x: Tensor, c: Tensor, sign: int) -> Tensor:
+        facing = nn.functional.normalize(self.camera.scenes(c)[:, -1:, TURN], dim=2)
+        return _turned(x.unflatten(1, (-1, 2)), facing, sign).flatten(1)
+
+
 @dataclass(frozen=True)
 class CameraLoss:
     """A loss of the velocity field on what the encoder makes of a picture, and that of the pose.

@@ -16,7 +16,7 @@ from cotlearn.robots.benchmark import Protocol, bench, choose, samplers, summari
 from cotlearn.robots.pixels import CameraOptions
 from cotlearn.robots.policies import ChunkPolicy, FlowSampler
 from cotlearn.robots.settings import SETTINGS
-from cotlearn.robots.training import coupling_for, train
+from cotlearn.robots.training import train
 from cotlearn.robots.visuomotor import CameraLoss, CameraNetwork, TurnedMLP, shifted
 
 SMALL = CameraOptions(
@@ -187,7 +187,7 @@ def test_the_coupling_sees_pictures(data, windows):
     other[:, 2:6] = 0  # where the T was a step ago is in no picture
     assert torch.equal(seen.labels(other), seen.labels(data.c))
     assert SMALL.condition_of("independent", data, windows) is None
-    coupling = coupling_for("stratified", SMALL, seen)
+    coupling = SMALL.coupling_of("stratified", seen)
     assert coupling.clusters is seen
 
 
@@ -209,7 +209,7 @@ def test_the_frontier_can_be_asked_for_pictures(data, windows, monkeypatch):
     assert len(chosen["frontier"]) == 3
     assert with_choice("conditional_ot", None, options) is options  # COT Policy's rule
     seen = options.condition_of("conditional_ot", data, windows)
-    assert coupling_for("conditional_ot", options, seen).condition_weight == "balanced"
+    assert options.coupling_of("conditional_ot", seen).condition_weight == "balanced"
 
 
 def test_a_small_bench(episodes, tmp_path, monkeypatch):

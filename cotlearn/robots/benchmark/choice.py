@@ -9,7 +9,7 @@ from cotlearn.couplings import Coupling, Independent
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import frontier
 from cotlearn.robots.episodes import Episodes, Windows
-from cotlearn.robots.training import Options, coupling_for
+from cotlearn.robots.training import Options
 
 #: condition weights, as multiples of the ratio of sample to condition variance
 FACTORS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
@@ -55,7 +55,7 @@ def choose(
         tried = replace(options, **changed)
         if seen is None or option == "clusters":
             seen = tried.condition_of(method, data, windows)
-        couplings[f"{value:g}"] = coupling_for(method, tried, seen)
+        couplings[f"{value:g}"] = tried.coupling_of(method, seen)
     found = frontier(
         data.x1,
         data.c,
