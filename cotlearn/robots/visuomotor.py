@@ -19,7 +19,13 @@ from cotlearn.flows.matching import Loss
 from cotlearn.flows.networks import ImageEncoder, ResidualMLP
 from cotlearn.robots.push_t.camera import AGENT, PLACE, TURN, Camera
 from cotlearn.robots.push_t.task import GOAL, SIZE
-from cotlearn.validation import check_count, check_dtype, check_shape
+from cotlearn.validation import (
+    check_count,
+    check_dtype,
+    check_matrix,
+    check_same_rows,
+    check_shape,
+)
 
 POSE = 4  #: x, y, cosine and sine
 _UNIT = SIZE / 4  #: a length that counts as 1 in features
@@ -174,7 +180,11 @@ class SeenFromT:
         return self._turned(x, c, 1)
 
     def _turned(self, x: Tensor, c: Tensor, sign: int) -> Tensor:
+        check_matrix(x, "x")
+        if x.shape[1] % 2:
+            raise ValueError(f"x must have two columns for each step, got {x.shape[1]}")
         facing = nn.functional.normalize(self.camera.scenes(c)[:, -1:, TURN], dim=2)
+        check_same_rows(c, "c", x, "x")
         return _turned(x.unflatten(1, (-1, 2)), facing, sign).flatten(1)
 
 

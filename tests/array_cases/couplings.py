@@ -20,6 +20,7 @@ COUPLINGS = {
     "StratifiedOT, residual": couplings.StratifiedOT(2, residual=True),
     "SemidiscreteOT": couplings.SemidiscreteOT(1.0, iterations=20),
     "ModelAligned": _aligned,
+    "Framed": couplings.Framed(couplings.MinibatchOT(), lambda x, c: -x, lambda x, c: -x),
     "Reflow": couplings.Reflow(lambda x0, c: x0 + 1),
 }
 

@@ -140,6 +140,15 @@ for _name, _network, _c in (
         x=rows(3, 8),
         c=_c,
     )
+_from_the_t = visuomotor.SeenFromT(_camera)
+for _name in ("into", "out"):
+    add(
+        f"robots.visuomotor.SeenFromT.{_name}",
+        getattr(_from_the_t, _name),
+        bare=("x", "c"),
+        x=rows(3, 8),
+        c=_views,
+    )
 add(
     "robots.visuomotor.CameraLoss.__call__",
     lambda x0, x1, c: visuomotor.CameraLoss(flows.conditional_flow_matching_loss, shift=1)(

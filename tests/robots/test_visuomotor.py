@@ -17,7 +17,7 @@ from cotlearn.robots.pixels import CameraOptions
 from cotlearn.robots.policies import ChunkPolicy, FlowSampler
 from cotlearn.robots.settings import SETTINGS
 from cotlearn.robots.training import train
-from cotlearn.robots.visuomotor import CameraLoss, CameraNetwork, TurnedMLP, shifted
+from cotlearn.robots.visuomotor import CameraLoss, CameraNetwork, SeenFromT, TurnedMLP, shifted
 
 SMALL = CameraOptions(
     steps=4,
@@ -70,6 +70,16 @@ def test_a_network_that_sees(network, data):
     assert torch.equal(network(0.3, x, other), v)
     other[:, 8] += 1  # where it is
     assert not torch.allclose(network(0.3, x, other), v)
+
+
+def test_seen_from_the_t(network, data, episodes):
+    """As `BodyFrame` turns directions; and the inner network of `TurnedMLP` sees the same."""
+    seen = SeenFromT(network.camera)
+    x, c = data.x1[:9], data.c[:9]
+    turned = seen.into(x, c)
+    for row, angle in enumerate(episodes.state[:9, 4]):
+        assert torch.allclose(turned[row], _turn(x[row : row + 1], -angle)[0], atol=1e-4)
+    assert torch.allclose(seen.out(turned, c), x, atol=1e-5)
 
 
 def test_the_pose_error_of_the_true_pose_is_zero(network, data, episodes):
