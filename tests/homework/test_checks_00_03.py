@@ -51,6 +51,7 @@ WRONG = [
     ("00.perfect_one_step", 1.2, "squared"),
     ("00.perfect_one_step", "1.565 or so", "number"),
     ("00.perfect_one_step", 7.0, "squared distance"),
+    ("00.perfect_one_step", 1.6, "do not round"),
     ("00.deaf_sampler", lambda c, generator=None: petals().sample_given(c, generator), "listen"),
     ("00.deaf_sampler", lambda c, generator=None: petals().sample(len(c))[0], "seed"),
     ("00.deaf_sampler", lambda c, generator=None: petals().sample(len(c), generator), "tuple"),
@@ -97,3 +98,8 @@ def test_dots_are_not_attempted():
 
 def test_the_whole_self_test_is_right():
     assert check(ALL_RIGHT, "00.self_test") is Verdict.CORRECT
+
+
+@pytest.mark.parametrize("answer", [1.565, 1.57, 1.56, torch.tensor(1.565)])
+def test_the_score_of_one_point_may_be_rounded_to_three_digits(answer):
+    assert check(answer, "00.perfect_one_step") is Verdict.CORRECT

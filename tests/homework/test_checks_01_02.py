@@ -141,3 +141,15 @@ def test_arrays_and_lists_are_as_good_as_tensors():
         return linear_sum_assignment(torch.cdist(x0, x1) ** 2)[1].tolist()
 
     assert check(answer, "02.cheapest_pairing") is Verdict.CORRECT
+
+
+@pytest.mark.parametrize("time", [float, torch.tensor, lambda t: torch.full((3,), t)])
+def test_the_midpoint_rule_may_give_the_time_in_any_form(time):
+    def answer(velocity, x0, nfe):
+        x, h = x0, 2 / nfe
+        for k in range(nfe // 2):
+            half = x + h / 2 * velocity(time(k * h), x)
+            x = x + h * velocity(time(k * h + h / 2), half)
+        return x
+
+    assert check(answer, "01.midpoint") is Verdict.CORRECT

@@ -51,6 +51,7 @@ WRONG = [
     ("04.candidates", lambda B, K: B / K, "always finds one"),
     ("04.candidates", lambda B, K: (B - 1) / K, "itself"),
     ("04.candidates", lambda B, K: B * K, "expected"),
+    ("04.candidates", lambda B, K: 1 + B / K, "only B - 1 others"),
     ("04.candidates", lambda B, K: "many", "one number"),
     ("04.balanced_weight", gamma, "w = g^2"),
     ("04.balanced_weight", of_squares, "not of their squares"),

@@ -68,6 +68,7 @@ WRONG = [
     ("06.uvp", lambda m, t: squares(m, t) / spread(t), "100 times"),
     ("06.uvp", lambda m, t: 100 * (m - t).square().mean() / spread(t), "add the squared"),
     ("06.uvp", lambda m, t: 100 * squares(m, t) / t.var(), "sum of the variances"),
+    ("06.uvp", lambda m, t: 100 * (m - t).square().mean() / t.var(), "its own mean"),
     ("06.uvp", lambda m, t: 100 * squares(m, t) / t.square().sum(1).mean(), "about the mean"),
     ("06.uvp", lambda m, t: 100 * (squares(m, t) / spread(t)) ** 0.5, "square root"),
     ("06.uvp", lambda m, t: 100 * (m - t).norm(dim=1).mean() / spread(t), "before the mean"),

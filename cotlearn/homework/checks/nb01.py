@@ -79,7 +79,8 @@ def midpoint(answer: Any) -> None:
     def velocity(t: Any, x: Tensor) -> Tensor:
         nonlocal calls
         calls += 1
-        return torch.cos(3 * x) + 2 * torch.as_tensor(t) * x
+        t = torch.as_tensor(t)
+        return torch.cos(3 * x) + 2 * (t[:, None] if t.ndim == 1 else t) * x
 
     x0 = torch.tensor([[0.3, -0.7], [1.1, 0.2], [-0.4, 0.9]])
     nfe = 8

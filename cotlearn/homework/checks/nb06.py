@@ -59,7 +59,7 @@ def uvp(answer: Any) -> None:
     expect_function(answer)
     g = torch.Generator().manual_seed(6)
     for d in (2, 5):
-        truth = torch.randn(40, d, generator=g) * torch.arange(1, d + 1) + 3
+        truth = torch.randn(40, d, generator=g) * torch.arange(1, d + 1) + 3 * torch.arange(d)
         mapped = truth + 0.7 * torch.randn(40, d, generator=g)
         value = number(answer(mapped.clone(), truth.clone()))
         squared = float((mapped - truth).square().sum(dim=1).mean())
@@ -74,6 +74,10 @@ def uvp(answer: Any) -> None:
             (
                 100 * mean_per_axis / variance,
                 "add the squared errors of the coordinates, mean over rows only",
+            ),
+            (
+                100 * mean_per_axis / float(truth.var()),
+                "each coordinate varies about its own mean: var(dim=0), then the sum",
             ),
             (
                 100 * squared / float(truth.var()),

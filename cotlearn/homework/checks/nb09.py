@@ -63,7 +63,11 @@ def between_share(answer: Any) -> None:
             1 - within / total,
             (
                 (within / total, "that is the share within; the rest lies between"),
-                (1 - small / total, "within a condition divide by draws - 1: var(..., ddof=1)"),
+                (
+                    1 - small / total,
+                    "within a condition divide by draws - 1: var(..., ddof=1); the variance of "
+                    "the conditions' means counts part of the variance within, too",
+                ),
                 (
                     1 - paths.var(axis=0, ddof=1).sum(axis=-1).mean() / total,
                     "that is the variance over conditions; within goes over the draws, axis 1",
