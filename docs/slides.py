@@ -4,8 +4,9 @@
     python docs/slides.py 03 04     # some
 
 A heading starts a new slide, a figure or a long text one below it. Exercises keep their stub;
-checks and folded solutions are left out. `jupyter nbconvert --to slides` does the rest; the pages
-load reveal.js from the network when they are shown, or from the folder given by `--reveal`.
+checks and folded solutions are left out. `jupyter nbconvert --to slides` does the rest. When they
+are shown the pages load reveal.js, require.js and, for formulas, MathJax from the network;
+`--reveal` names another place for the first of them.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Write one page of slides a notebook."""
     parser = argparse.ArgumentParser(description="Make slides from the notebooks.")
     parser.add_argument("notebook", nargs="*", help="a number or a name; all if none is given")
-    parser.add_argument("--reveal", help="folder or address of reveal.js, for a room without net")
+    parser.add_argument("--reveal", help="another folder or address of reveal.js")
     options = parser.parse_args(arguments)
     OUT.mkdir(parents=True, exist_ok=True)
     logging.getLogger("traitlets").setLevel(logging.ERROR)  # the texts come below
