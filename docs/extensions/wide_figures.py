@@ -31,11 +31,10 @@ class WideFigures(SphinxTransform):
 
     def apply(self) -> None:
         """Look at every code cell of this document."""
-        folder = Path(self.env.doc2path(self.env.docname)).parent
         for cell in self.document.findall(nodes.container):
             if cell.get("nb_element") == "cell_code":
                 for image in cell.findall(nodes.image):
-                    path = folder / image["uri"]
+                    path = Path(self.env.relfn2path(image["uri"])[1])
                     if path.is_file() and png_width(path) > WIDE:
                         image["classes"].append("wide")
 
