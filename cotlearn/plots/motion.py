@@ -115,7 +115,9 @@ def film(images: Sequence[NDArray[np.uint8]], *, fps: int = 10, colors: int = 64
     if np.ndim(images) == 0 or len(images) == 0 or any(not _is_picture(i) for i in images):
         raise ValueError("images must be uint8 arrays of shape (height, width, 3), at least one")
     pictures = [Image.fromarray(np.asarray(image)) for image in images]
-    frames = [picture.quantize(colors, dither=Image.Dither.NONE) for picture in pictures]
+    # by coverage of the colours, not of the area: the small goal stays green
+    method, dither = Image.Quantize.MAXCOVERAGE, Image.Dither.NONE
+    frames = [picture.quantize(colors, method, dither=dither) for picture in pictures]
     with io.BytesIO() as target:
         frames[0].save(
             target,

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pytest
+from PIL import Image
 
 from cotlearn import plots
 from cotlearn.robots.arm import WAYS, random_start, skeleton, solve
@@ -86,8 +89,17 @@ def test_the_animation_is_small_and_moves():
 def test_a_film_of_pictures():
     images = np.random.default_rng(0).integers(0, 255, (3, 20, 30, 3), dtype=np.uint8)
     assert plots.film(list(images)).data[:3] == b"GIF"
-    with pytest.raises(ValueError, match="images must be at least one array"):
+    with pytest.raises(ValueError, match="images must be uint8 arrays of shape .*, at least one"):
         plots.film([])
+
+
+def test_a_film_keeps_the_colour_of_a_small_thing():
+    rng = np.random.default_rng(0)
+    image = rng.integers(120, 200, (180, 240, 3), dtype=np.uint8)
+    image[50:54, 60:64] = (60, 200, 100)
+    with Image.open(io.BytesIO(plots.film([image], colors=64).data)) as shown:
+        found = np.array(shown.convert("RGB"))[51, 61].astype(int)
+    assert np.abs(found - (60, 200, 100)).max() < 20
 
 
 BAD_CALLS = {
