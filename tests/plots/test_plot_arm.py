@@ -89,7 +89,7 @@ def test_the_animation_is_small_and_moves():
 def test_a_film_of_pictures():
     images = np.random.default_rng(0).integers(0, 255, (3, 20, 30, 3), dtype=np.uint8)
     assert plots.film(list(images)).data[:3] == b"GIF"
-    with pytest.raises(ValueError, match="images must be uint8 arrays of shape .*, at least one"):
+    with pytest.raises(ValueError, match="images must be uint8 arrays"):
         plots.film([])
 
 
