@@ -89,6 +89,7 @@ html_title = "cotlearn"
 html_static_path = [str(HERE / "static"), str(MATHJAX)]
 html_extra_path = [str(HERE / "root")]
 html_css_files = ["site.css"]
+html_favicon = str(HERE / "static" / "favicon.svg")
 html_show_search_summary = False  # needs a server; the pages also work as files
 html_copy_source = False
 html_show_sphinx = False

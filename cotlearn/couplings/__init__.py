@@ -3,6 +3,7 @@
 from cotlearn.couplings.adaptive import AdaptiveConditionalOT
 from cotlearn.couplings.aligned import ModelAligned
 from cotlearn.couplings.base import Coupling, Pairs, Sampler, Source
+from cotlearn.couplings.centred import Centred
 from cotlearn.couplings.conditional import ConditionalOT
 from cotlearn.couplings.conditions import (
     KMeansCondition,
@@ -20,6 +21,7 @@ from cotlearn.couplings.stratified import StratifiedOT
 
 __all__ = [
     "AdaptiveConditionalOT",
+    "Centred",
     "ConditionalOT",
     "Coupling",
     "Framed",

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Pairs, Sampler, StreamOptions, spelled
-from cotlearn.datasets import Dataset
-from cotlearn.validation import check_condition
+from cotlearn.couplings.base import Coupling, Pairs, spelled
+from cotlearn.couplings.wrapped import Wrapped
 
 Turn = Callable[[Tensor, Tensor], Tensor]
 
 
-class Framed(Coupling):
+class Framed(Wrapped):
     """Any coupling, which sees noise and data as they look in the frame of their condition.
 
     Where the condition holds a direction, say of an object that is to be pushed, data follow it:
@@ -29,8 +27,7 @@ class Framed(Coupling):
     columns), and the noise standard normal or otherwise blind to it.
 
     Args:
-        coupling: that pairs in the frame; `name`, flags and state of this one are its own. Not one
-            that asks the network, nor one that keeps the source's label.
+        coupling: that pairs in the frame, see `Wrapped`.
         into: (x, c) -> x as seen in the frame, both (B, d).
         out: (x, c) -> x, its inverse.
 
@@ -40,86 +37,29 @@ class Framed(Coupling):
             lengths.
     """
 
-    needs_condition = True
-
     def __init__(self, coupling: Coupling, into: Turn, out: Turn) -> None:
-        if not isinstance(coupling, Coupling):
-            raise TypeError(f"coupling must be a Coupling, got {coupling!r}")
-        if coupling.uses_network or getattr(coupling, "label", "target") != "target":
-            raise ValueError(
-                "coupling must neither ask the network, which knows x as it is, nor keep the "
-                f"source's label, which is not the frame of x1, got {coupling!r}"
-            )
+        super().__init__(coupling)
         for name, function in (("into", into), ("out", out)):
             if not callable(function):
                 raise TypeError(f"{name} must be a function (x, c) -> x, got {function!r}")
-        self.coupling, self.into, self.out = coupling, into, out
-        self.name = coupling.name
-        self.uses_ot_batch = coupling.uses_ot_batch
-        self.whole_data = coupling.whole_data
-        self.solves = coupling.solves
+        self.into, self.out = into, out
 
-    def __call__(
-        self,
-        x0: Tensor,
-        x1: Tensor,
-        c: Tensor | None = None,
-        generator: torch.Generator | None = None,
-    ) -> Pairs:
-        """Pair a batch; x0 (B, d) is noise as drawn in the frame, x1 (B, d) data as they are."""
-        self.check_batch(x0, x1, c)
-        assert c is not None
-        return self._back(self.coupling(x0, _turned(self.into, "into", x1, c), c, generator))
+    def _seen(self, x1: Tensor, c: Tensor) -> Tensor:
+        """The data in the frame."""
+        return _turned(self.into, "into", x1, c)
 
-    def batches(self, data: Sampler, options: StreamOptions) -> Iterator[Pairs]:
-        """Those of the coupling for data as seen in the frame, turned back."""
-        seen: Sampler = _Seen(data, self.into)
-        if all(hasattr(data, name) for name in ("x1", "c", "__len__")):
-            whole: Any = data
-            check_condition(whole.c)
-            seen = Dataset(_turned(self.into, "into", whole.x1, whole.c), whole.c)
-        return (self._back(pairs) for pairs in self.coupling.batches(seen, options))
+    def _drawn(self, x0: Tensor, c: Tensor) -> Tensor:
+        """The noise in the frame."""
+        return _turned(self.into, "into", x0, c)
 
-    def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
-        """Those of the coupling, in the frame, for noise x0 as `stream` gives it."""
-        self.check_batch(x0, x1, c)
-        assert c is not None
-        seen = [_turned(self.into, "into", x, c) for x in (x0, x1)]
-        return self.coupling.candidates(seen[0], seen[1], c)
-
-    def epoch_rows(self, data: Sampler) -> int:
-        """Those of the coupling."""
-        return self.coupling.epoch_rows(data)
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Of the coupling."""
-        return self.coupling.state_dict()
-
-    def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Give the coupling back its own."""
-        self.coupling.load_state_dict(state)
-
-    def __repr__(self) -> str:
-        return f"Framed({self.coupling!r}, {spelled(self.into)}, {spelled(self.out)})"
-
-    def _back(self, pairs: Pairs) -> Pairs:
+    def _restored(self, pairs: Pairs) -> Pairs:
+        """Noise and data turned back."""
         assert pairs.c is not None
         x0, x1 = (_turned(self.out, "out", x, pairs.c) for x in (pairs.x0, pairs.x1))
         return replace(pairs, x0=x0, x1=x1)
 
-
-class _Seen:
-    """Endless data, as seen in the frame."""
-
-    def __init__(self, data: Sampler, into: Turn) -> None:
-        self.data, self.into = data, into
-
-    def sample(
-        self, n: int, generator: torch.Generator | None = None
-    ) -> tuple[Tensor, Tensor | None]:
-        """(x1, c), x1 in the frame."""
-        x1, c = self.data.sample(n, generator=generator)
-        return _turned(self.into, "into", x1, check_condition(c)), c
+    def __repr__(self) -> str:
+        return f"Framed({self.coupling!r}, {spelled(self.into)}, {spelled(self.out)})"
 
 
 def _turned(function: Turn, name: str, x: Tensor, c: Tensor) -> Tensor:

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
+from torch import Tensor, nn
 
 from cotlearn.couplings import (
+    Centred,
     ConditionalOT,
     Coupling,
     Independent,
@@ -20,11 +21,12 @@ from cotlearn.couplings import (
     StratifiedOT,
 )
 from cotlearn.couplings.base import generator_for
+from cotlearn.couplings.centred import Centre
 from cotlearn.couplings.conditional import BALANCED
 from cotlearn.couplings.conditions import Viewed
 from cotlearn.couplings.reflow import MadePairs
 from cotlearn.datasets import Dataset
-from cotlearn.flows.diffusion import Diffusion, regression_loss
+from cotlearn.flows.diffusion import Diffusion, predict, regression_loss
 from cotlearn.flows.matching import EarlyFlowMatching, Loss, conditional_flow_matching_loss
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet
 from cotlearn.flows.solvers import integrate
@@ -46,6 +48,7 @@ METHODS = {
     "conditional_ot": "flow matching, COT with a condition weight",
     "stratified": "flow matching, one assignment for each cluster of conditions and epoch",
     "residual": "as stratified, by what the condition leaves over of the chunk",
+    "centred": "as stratified, by what a regression, trained before, leaves over of the chunk",
     "aligned": "flow matching, model-aligned pairs (MAC, weighted)",
     "reflow": "rectified flow on the pairs of a flow with independent pairs",
     "behaviour_cloning": "regression of the chunk, mean squared error",
@@ -60,7 +63,8 @@ class Options:
     """What a training is made of, the same for all methods unless said otherwise.
 
     Attributes:
-        steps: gradient steps; of reflow, for the teacher and for the student.
+        steps: gradient steps; of reflow, for the teacher and for the student; of "centred", for the
+            flow, and a fifth of it for the regression before.
         batch_size: rows of a gradient step.
         learning_rate: of Adam, falling to 0 by a cosine.
         ema: decay of the averaged weights.
@@ -165,7 +169,7 @@ class Options:
         if method == "conditional_ot":
             weight = BALANCED if self.condition_weight is None else self.condition_weight
             return ConditionalOT(weight, condition=seen)
-        if method in ("stratified", "residual"):
+        if method in ("stratified", "residual", "centred"):
             if self.clusters is None:
                 raise ValueError("clusters must be a number by now, got None: see with_choice")
             return StratifiedOT(seen or self.clusters, residual=method == "residual")
@@ -255,11 +259,11 @@ def train(
         result, seconds = _reflow(teacher.policy.network, data, seed, options, place, progress)
         seconds += teacher.seconds
     else:
-        coupling, loss, seconds = (
-            options.coupling_of(method, seen, windows),
-            options.loss_of(method),
-            0.0,
-        )
+        coupling, seconds = options.coupling_of(method, seen, windows), 0.0
+        if method == "centred":
+            mean, seconds = _regression(windows, data, seed, options, place, progress)
+            coupling = Centred(coupling, mean)
+        loss = options.loss_of(method)
         result = _fit(network, data, coupling, loss, seed, options, place, progress)
     seconds += float(result.history["seconds"][-1])
     policy = ChunkPolicy(
@@ -304,6 +308,30 @@ def _fit(
         checkpoint=checkpoint,
         progress=progress,
     )
+
+
+def _regression(
+    windows: Windows,
+    data: Dataset,
+    seed: int,
+    options: Options,
+    checkpoint: Path | None,
+    progress: bool | None,
+) -> tuple[Centre, float]:
+    """What a regression foretells of the chunk, after a fifth of the steps, and its seconds.
+
+    A short training on purpose: one that remembers the rows leaves nothing of them over.
+    """
+    network = options.make_network(windows, seed=seed)
+    shorter = replace(options, steps=max(1, options.steps // 5))
+    place = None if checkpoint is None else checkpoint.with_name(f"regression_{checkpoint.name}")
+    result = _fit(network, data, Independent(), regression_loss, seed, shorter, place, progress)
+
+    def mean(c: Tensor) -> Tensor:
+        parts = (predict(result.network, o.new_zeros(len(o), data.dim), o) for o in c.split(8192))
+        return torch.cat(list(parts))
+
+    return mean, float(result.history["seconds"][-1])
 
 
 def _reflow(

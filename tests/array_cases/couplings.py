@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from array_cases.base import NETWORK, PAIRS, PETALS, X0, X1, C, N, add, g, labels, rows
+from array_cases.base import NETWORK, PAIRS, PETALS, X0, X1, C, D, N, add, g, labels, rows
 from cotlearn import couplings, diagnostics
 
 _aligned = couplings.ModelAligned(warmup_steps=1)
@@ -20,6 +20,7 @@ COUPLINGS = {
     "StratifiedOT, residual": couplings.StratifiedOT(2, residual=True),
     "SemidiscreteOT": couplings.SemidiscreteOT(1.0, iterations=20),
     "ModelAligned": _aligned,
+    "Centred": couplings.Centred(couplings.MinibatchOT(), lambda c: c[:, :1].expand(-1, D)),
     "Framed": couplings.Framed(couplings.MinibatchOT(), lambda x, c: -x, lambda x, c: -x),
     "Reflow": couplings.Reflow(lambda x0, c: x0 + 1),
 }

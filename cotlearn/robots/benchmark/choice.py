@@ -17,7 +17,12 @@ STRATUM_ROWS = (10, 20, 40, 80, 160, 320)  #: rows of a stratum, on average
 FRONTIER_ROWS = 4096  #: pairs that are looked at for each value
 
 #: the option of a method that may be left open
-_OPEN = {"conditional_ot": "condition_weight", "stratified": "clusters", "residual": "clusters"}
+_OPEN = {
+    "conditional_ot": "condition_weight",
+    "stratified": "clusters",
+    "residual": "clusters",
+    "centred": "clusters",  #: those of "stratified": its regression is not trained yet
+}
 
 
 def choose(
