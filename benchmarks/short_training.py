@@ -8,7 +8,7 @@ from cotlearn.metrics import bootstrap_interval
 from cotlearn.robots.episodes import Episodes
 from cotlearn.robots.policies import FlowSampler
 from cotlearn.robots.rollout import FRESH, rollout
-from cotlearn.robots.training import Options, train
+from cotlearn.robots.training import Options, Trained, train
 
 SAMPLERS = tuple(FlowSampler(nfe) for nfe in (1, 2, 16))
 
@@ -24,6 +24,11 @@ def train_and_roll(
 ) -> dict[str, Any]:
     """Mean best coverage of each sampler with its interval over episodes, and the seconds."""
     trained = train(method, training, seed=seed, options=options)
+    return rolled(trained, rollouts=rollouts, first_seed=first_seed)
+
+
+def rolled(trained: Trained, *, rollouts: int, first_seed: int = FRESH) -> dict[str, Any]:
+    """What `train_and_roll` says of a policy that is trained already."""
     done = {
         sampler.name: rollout(
             trained.policy.with_sampler(sampler), episodes=rollouts, first_seed=first_seed

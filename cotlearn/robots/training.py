@@ -204,12 +204,14 @@ class Trained:
         history: as of `fit`; of reflow, the student's.
         seconds: of training, a teacher's included.
         parameters: weights of the network.
+        coupling: that paired its batches.
     """
 
     policy: ChunkPolicy
     history: dict[str, NDArray[np.float64]]
     seconds: float
     parameters: int
+    coupling: Coupling
 
 
 def train(
@@ -256,7 +258,9 @@ def train(
                 checkpoint=first,
                 progress=progress,
             )
-        result, seconds = _reflow(teacher.policy.network, data, seed, options, place, progress)
+        result, coupling, seconds = _reflow(
+            teacher.policy.network, data, seed, options, place, progress
+        )
         seconds += teacher.seconds
     else:
         coupling, seconds = options.coupling_of(method, seen, windows), 0.0
@@ -274,7 +278,7 @@ def train(
         fitted=None if seen is None else seen.state_dict(),
     )
     parameters = sum(p.numel() for p in result.network.parameters())
-    return Trained(policy, result.history, seconds, parameters)
+    return Trained(policy, result.history, seconds, parameters, coupling)
 
 
 def sampler_for(method: str, clip: float) -> Sampler:
@@ -341,7 +345,7 @@ def _reflow(
     options: Options,
     checkpoint: Path | None,
     progress: bool | None,
-) -> tuple[FitResult, float]:
+) -> tuple[FitResult, Coupling, float]:
     """The student, which starts from its teacher's weights, and the seconds for its pairs."""
     started = time.perf_counter()
     rng = generator_for(seed, 0, purpose=21)
@@ -355,5 +359,6 @@ def _reflow(
     made = Dataset(torch.cat(parts), c, name=f"{data.name}, made by a teacher")
     seconds = time.perf_counter() - started
     loss = options.loss_of("reflow")
-    result = _fit(teacher, made, MadePairs(x0), loss, seed, options, checkpoint, progress)
-    return result, seconds
+    coupling = MadePairs(x0)
+    result = _fit(teacher, made, coupling, loss, seed, options, checkpoint, progress)
+    return result, coupling, seconds

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from cotlearn.couplings import Independent
 from cotlearn.metrics import mode_entropy
 from cotlearn.robots.benchmark import scores
 from cotlearn.robots.benchmark.choice import choose, is_open, seen_by
@@ -215,4 +216,4 @@ def _stored_teacher(path: Path, record: dict[str, Any]) -> Trained | None:
     policy, about = _stored(path, record)
     if policy is None:
         return None
-    return Trained(policy, {}, about["seconds"], about["parameters"])
+    return Trained(policy, {}, about["seconds"], about["parameters"], Independent())
