@@ -9,6 +9,7 @@ import torch
 from typer.testing import CliRunner
 
 from cotlearn import cli
+from cotlearn.couplings import Centred, StratifiedOT
 from cotlearn.robots.benchmark import Protocol, bench, choose, samplers, summarise, with_choice
 from cotlearn.robots.episodes import write_lerobot
 from cotlearn.robots.policies import ChunkPolicy
@@ -70,6 +71,18 @@ def test_every_method_trains_and_acts(episodes, method, tmp_path):
         assert torch.equal(a, b)
 
 
+def test_a_training_tells_its_coupling(episodes):
+    plain, about = (
+        train(method, episodes, options=SMALL, progress=False).coupling
+        for method in ("stratified", "centred")
+    )
+    assert isinstance(plain, StratifiedOT)
+    assert isinstance(about, Centred)
+    c = torch.randn(5, 12, generator=torch.Generator().manual_seed(0))
+    assert about.mean(c).shape == (5, 32)
+    assert about.mean(c).std() > 0  # a regression that has learned something
+
+
 @pytest.mark.parametrize("change", [{"network": "unet"}, {"frame": "world"}, {"label": "action"}])
 def test_options(episodes, change):
     options = Options(**{**SMALL.__dict__, "steps": 2, **change})
@@ -106,7 +119,8 @@ def test_bad_input(episodes, call, message):
 def test_the_frontier_chooses(episodes):
     options = replace(SMALL, clusters=None)
     data = options.windows(episodes).dataset(episodes, label=options.label)
-    for method, option in (("conditional_ot", "condition_weight"), ("residual", "clusters")):
+    opened = {"conditional_ot": "condition_weight", "residual": "clusters", "centred": "clusters"}
+    for method, option in opened.items():
         chosen = choose(method, data, options)
         assert chosen["option"] == option
         assert chosen["value"] > 0
