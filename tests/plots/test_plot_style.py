@@ -16,6 +16,7 @@ METHOD_NAMES = {
     "adaptive",
     "stratified",
     "residual",
+    "centred",
     "semidiscrete",
     "aligned",
     "reflow",
