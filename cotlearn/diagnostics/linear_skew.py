@@ -11,8 +11,9 @@ from scipy import stats
 from torch import Tensor
 
 from cotlearn.couplings.base import to_numpy
+from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.couplings.polynomial import polynomial
-from cotlearn.validation import check_condition, check_matrix, check_same_rows
+from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
 
 _ROWS_FOR_EACH = 5  #: rows for each feature of the condition, below which the law is a poor guide
 
@@ -34,7 +35,12 @@ class LinearSkew:
 
 
 def linear_skew(
-    x0: Tensor, c: Tensor, *, degree: int = 1, significance: float = 0.01
+    x0: Tensor,
+    c: Tensor,
+    *,
+    degree: int = 1,
+    cells: int | None = None,
+    significance: float = 0.01,
 ) -> LinearSkew:
     """Test whether the mean of x0 given c is that of the prior, by canonical correlations.
 
@@ -48,10 +54,16 @@ def linear_skew(
     estimate one regression. Where E[x0 | c] does not depend on c, as naive OT leaves it on
     `moving_modes`, it is blind. Ask both.
 
+    And a polynomial sees no more of E[x0 | c] than polynomials: of pairs that `Centred` has made
+    with a polynomial for its mean it finds next to nothing, because that is what was taken off.
+    There ask for `cells`, which make no assumption about the form.
+
     Args:
         x0: (n, d) noise as it was paired; n at least 5 times the features. Take tens of thousands.
         c: (n, k) the condition that the network is given with it.
         degree: 1 for the k columns of c as features, 2 for their squares and products as well.
+        cells: instead of them, in which of so many k-means cells of c a row lies, at least 2: then
+            it is the share of the noise's variance between cells. 64 are enough to begin with.
         significance: level of the flag. An independent coupling is flagged this often.
 
     Raises:
@@ -64,7 +76,11 @@ def linear_skew(
         raise ValueError(f"degree must be 1 or 2, got {degree!r}")
     if not 0 < significance < 1:
         raise ValueError(f"significance must lie between 0 and 1, got {significance}")
-    noise, features = _whitened(to_numpy(x0)), _whitened(_features(to_numpy(c), degree))
+    if cells is None:
+        features = _whitened(_features(to_numpy(c), degree))
+    else:
+        features = _whitened(_indicators(c, check_count(cells, "cells", minimum=2)))
+    noise = _whitened(to_numpy(x0))
     n, d, p = len(noise), noise.shape[1], features.shape[1]
     if n < _ROWS_FOR_EACH * max(d, p):
         raise ValueError(
@@ -91,6 +107,12 @@ def _features(c: NDArray[np.float64], degree: int) -> NDArray[np.float64]:
     return polynomial(
         torch.from_numpy((c - c.mean(axis=0)) / np.where(scale > 0, scale, 1)), degree
     ).numpy()
+
+
+def _indicators(c: Tensor, cells: int) -> NDArray[np.float64]:
+    """(n, cells), 1 for the cell of c in which a row lies."""
+    labels = KMeansCondition(min(cells, len(c))).fit(c).labels(c)
+    return to_numpy(torch.nn.functional.one_hot(labels).double())
 
 
 def _whitened(values: NDArray[np.float64]) -> NDArray[np.float64]:

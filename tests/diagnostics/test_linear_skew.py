@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from cotlearn.couplings import MinibatchOT, StratifiedOT
+from cotlearn.couplings import Centred, MinibatchOT, PolynomialMean, StratifiedOT
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import linear_skew, prior_skew
 from cotlearn.mixtures import moving_modes
@@ -32,12 +32,15 @@ def following(n=10_000, d=20, k=8, noise=0.5, seed=0):
     return Dataset(c @ normal(k, d, 1) + noise * normal(n, d, seed + 1), c)
 
 
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("shape", [(500, 2, 1), (1000, 16, 8), (600, 1, 3)])
-def test_its_level_is_the_one_it_says(degree, shape):
+SHAPES = [(500, 2, 1), (1000, 16, 8), (600, 1, 3)]
+POLYNOMIALS = [({"degree": degree}, shape) for degree in (1, 2) for shape in SHAPES]
+
+
+@pytest.mark.parametrize(("features", "shape"), [*POLYNOMIALS, ({"cells": 4}, SHAPES[0])], ids=str)
+def test_its_level_is_the_one_it_says(features, shape):
     n, d, k = shape
     found = [
-        linear_skew(normal(n, d, seed), normal(n, k, 1000 + seed).abs(), degree=degree)
+        linear_skew(normal(n, d, seed), normal(n, k, 1000 + seed).abs(), **features)
         for seed in range(200)
     ]
     p_values = np.array([one.p_value for one in found])
@@ -73,6 +76,24 @@ def test_finer_strata_leave_less_of_it():
         for coupling in (MinibatchOT(), StratifiedOT(16), StratifiedOT(256))
     ]
     assert shares[0] > shares[1] > 2 * shares[2] > 0
+
+
+def test_only_cells_see_what_a_polynomial_has_not_taken_off():
+    """Centred by a quadratic, naive OT passes the quadratic test and follows c all the same."""
+    c = 4 * torch.rand(8192, 1, generator=seeded()) - 2
+    x1 = torch.cat([(3 * c).sin(), (3 * c).cos()], dim=1) + 0.1 * normal(8192, 2)
+    coupling = Centred(MinibatchOT(), PolynomialMean().fit(x1, c))
+    x0, c = paired(coupling, Dataset(x1, c), rows=8192)
+    assert linear_skew(x0, c, degree=2).explained < 0.01
+    assert linear_skew(x0, c, cells=32).explained > 0.3
+
+
+def test_cells_of_classes_are_the_classes():
+    label = torch.randint(0, 4, (2000,), generator=seeded())
+    x0 = normal(2000, 2) + label[:, None]
+    classes = torch.nn.functional.one_hot(label, 4).float()
+    by_columns, by_cells = linear_skew(x0, classes), linear_skew(x0, classes, cells=64)
+    assert by_cells.explained == pytest.approx(by_columns.explained, rel=1e-6)
 
 
 def test_it_is_blind_where_only_the_shape_of_the_noise_depends_on_the_condition():
