@@ -21,9 +21,10 @@ import torch
 from cells import RESULTS, Table
 from push_t_strata import SETTING as STRATA
 from short_training import rolled
+from torch import Tensor
 
 from cotlearn.assets import find_data
-from cotlearn.couplings import Centred, Coupling, PolynomialMean
+from cotlearn.couplings import Centred, Coupling
 from cotlearn.couplings.base import generator_for
 from cotlearn.couplings.conditions import Viewed
 from cotlearn.diagnostics import linear_skew
@@ -38,11 +39,33 @@ SETTING = {
 CLUSTERS = (1, 64, 1024)
 
 
+class QuadraticMean:
+    """What the columns of c, their squares and products foretell of x1, by least squares."""
+
+    def fit(self, x1: Tensor, c: Tensor) -> None:
+        """With a ridge of one row, once features are scaled."""
+        self.centre, self.scale = c.double().mean(dim=0), c.double().std(dim=0)
+        features = self.features(c)
+        ridge = torch.eye(features.shape[1], dtype=torch.float64)
+        ridge[0, 0] = 0  # of the constant
+        self.weights = torch.linalg.solve(features.T @ features + ridge, features.T @ x1.double())
+
+    def features(self, c: Tensor) -> Tensor:
+        """1, the scaled columns, their squares and products."""
+        z = (c.double() - self.centre) / self.scale
+        products = [z[:, [i]] * z[:, i:] for i in range(z.shape[1])]
+        return torch.cat([torch.ones_like(z[:, :1]), z, *products], dim=1)
+
+    def __call__(self, c: Tensor) -> Tensor:
+        """The mean chunk in states c."""
+        return (self.features(c) @ self.weights).float()
+
+
 @dataclass(frozen=True)
 class Quadratic(Options):
     """Options whose couplings pair about a quadratic regression."""
 
-    mean: PolynomialMean = field(default_factory=PolynomialMean)
+    mean: QuadraticMean = field(default_factory=QuadraticMean)
 
     def coupling_of(
         self, method: str, seen: Viewed | None = None, windows: Windows | None = None

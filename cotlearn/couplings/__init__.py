@@ -15,7 +15,6 @@ from cotlearn.couplings.conditions import (
 from cotlearn.couplings.framed import Framed
 from cotlearn.couplings.independent import Independent
 from cotlearn.couplings.optimal import MinibatchOT
-from cotlearn.couplings.polynomial import PolynomialMean
 from cotlearn.couplings.reflow import Reflow
 from cotlearn.couplings.semidiscrete import SemidiscreteOT
 from cotlearn.couplings.stratified import StratifiedOT
@@ -32,7 +31,6 @@ __all__ = [
     "ModelAligned",
     "PCAKMeansCondition",
     "Pairs",
-    "PolynomialMean",
     "Reflow",
     "Sampler",
     "SemidiscreteOT",

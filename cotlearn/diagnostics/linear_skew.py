@@ -12,7 +12,6 @@ from torch import Tensor
 
 from cotlearn.couplings.base import to_numpy
 from cotlearn.couplings.conditions import KMeansCondition
-from cotlearn.couplings.polynomial import polynomial
 from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
 
 _ROWS_FOR_EACH = 5  #: rows for each feature of the condition, below which the law is a poor guide
@@ -104,9 +103,8 @@ def _features(c: NDArray[np.float64], degree: int) -> NDArray[np.float64]:
     if degree == 1:
         return c
     scale = c.std(axis=0)
-    return polynomial(
-        torch.from_numpy((c - c.mean(axis=0)) / np.where(scale > 0, scale, 1)), degree
-    ).numpy()
+    c = (c - c.mean(axis=0)) / np.where(scale > 0, scale, 1)
+    return np.hstack([c, *(c[:, i : i + 1] * c[:, i:] for i in range(c.shape[1]))])
 
 
 def _indicators(c: Tensor, cells: int) -> NDArray[np.float64]:

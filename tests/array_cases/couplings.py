@@ -63,13 +63,11 @@ for _name in ("fit", "__call__", "labels"):
     _viewed = couplings.Viewed(torch.sin, couplings.KMeansCondition(2)).fit(labels(40))
     add(f"couplings.Viewed.{_name}", getattr(_viewed, _name), c=C)
 add("couplings.combine", lambda a, b: couplings.combine({"a": a, "b": b}), a=C, b=X0)
-_x, _c = rows(240, seed=5), labels(240)
-add("couplings.PolynomialMean.fit", couplings.PolynomialMean().fit, x1=_x, c=_c)
-add("couplings.PolynomialMean.__call__", couplings.PolynomialMean().fit(_x, _c), c=C)
 add("couplings.standardise", couplings.standardise, c=X0, reference=X1)
 
 # --- diagnostics ---
 
+_x, _c = rows(240, seed=5), labels(240)
 add("diagnostics.between_within", diagnostics.between_within, x1=_x, c=_c)
 add(
     "diagnostics.prior_skew",
