@@ -1,9 +1,10 @@
 """Do more demonstrations, or a longer training, open the gaps between two rows of pillars?
 
-Independent pairs, naive OT and strata on residuals, trained with the demonstrations of `cotlearn
-bench arm-avoid` and with four times as many, for as many steps and for three times as many. One
-training seed, starts that no other table reports, options otherwise those of the benchmark; the
-number of strata is the frontier's choice for each amount of data.
+Independent pairs, naive OT and strata on residuals, trained with as many demonstrations as in
+`cotlearn bench arm-avoid` (another 3,800, drawn from all) and with four times as many, for as many
+steps and for three times as many. One training seed, starts that no other table reports, options
+otherwise those of the benchmark; the number of strata is the frontier's choice for each amount of
+data.
 
     python benchmarks/arm_avoid_more.py
 
