@@ -29,9 +29,10 @@ class Centred(Wrapped):
     regression is one for all data: take a network like the flow's own, trained before with the
     mean squared error (`flows.diffusion.predict`). Where it errs, noise follows its error, and a
     poor mean is worse than none: on Push-T a quadratic one, which leaves half of the variance,
-    costs up to .17 of coverage where a network's gains .21 (notebook 08). `linear_skew` of a
-    polynomial's pairs does not warn of it; ask for its `cells`. What else depends on c, such as
-    which modes there are, is skewed as before.
+    costs up to .17 of coverage where a network's gains .21 (notebook 08). No number known before
+    training foretold that; `linear_skew` with `cells` at least tells a poor mean from a good one,
+    which by columns and squares it does not. What else depends on c, such as which modes there
+    are, is skewed as before.
 
     Args:
         coupling: that pairs, see `Wrapped`.

@@ -110,9 +110,9 @@ def test_naive_ot_inside_does_not_skew_and_straightens_the_most(problem):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_noise_stays_standard_normal_and_blind(problem, seed):
-    *_, pairs = pairs_of(problem, MinibatchOT(), seed=10 * seed)
-    assert pairs.x0.mean(dim=0).abs().max() < 0.06
-    assert (pairs.x0.T.cov() - torch.eye(2)).abs().max() < 0.12
+    *_, pairs = pairs_of(problem, MinibatchOT(), n=2048, seed=10 * seed)
+    assert pairs.x0.mean(dim=0).abs().max() < 0.09
+    assert (pairs.x0.T.cov() - torch.eye(2)).abs().max() < 0.17
     assert prior_skew(pairs.x0, pairs.c).p_value > 1e-4
     assert linear_skew(pairs.x0, pairs.c, degree=2).p_value > 1e-4
 
