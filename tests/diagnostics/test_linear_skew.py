@@ -123,7 +123,7 @@ def test_bad_input_is_named():
         linear_skew(x0, c, degree=3)
     with pytest.raises(ValueError, match="cells must be"):
         linear_skew(x0, c, cells=1)
-    with pytest.raises(ValueError, match="at least 95 rows for 4 columns .* 19 features"):
+    with pytest.raises(ValueError, match=r"at least 95 rows for 4 columns .* 19 features"):
         linear_skew(x0, c, cells=20)
     with pytest.raises(ValueError, match="significance must lie between 0 and 1, got 0"):
         linear_skew(x0, c, significance=0)
