@@ -22,14 +22,14 @@ import numpy as np
 import torch
 from cells import RESULTS, Table
 
-from cotlearn.robots.benchmark.choice import with_choice
-from cotlearn.robots.benchmark.scores import held_out_score
+from cotlearn.policies.comparison.choice import with_choice
+from cotlearn.policies.comparison.scores import held_out_score
+from cotlearn.policies.policy import FlowSampler
+from cotlearn.policies.rollout import FRESH, rollout
+from cotlearn.policies.settings import SETTINGS
+from cotlearn.policies.training import train
 from cotlearn.robots.episodes import read, split
 from cotlearn.robots.experts.record import record
-from cotlearn.robots.policies import FlowSampler
-from cotlearn.robots.rollout import FRESH, rollout
-from cotlearn.robots.settings import SETTINGS
-from cotlearn.robots.training import train
 
 SETTING: dict[str, Any] = {
     "task": "arm-avoid",

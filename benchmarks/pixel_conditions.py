@@ -26,13 +26,14 @@ from torch import Tensor
 from cotlearn.assets import find_data
 from cotlearn.couplings import Coupling, Framed, KMeansCondition, Viewed
 from cotlearn.datasets import Dataset
-from cotlearn.robots.episodes import Windows, read, split
-from cotlearn.robots.pixels import CameraOptions
-from cotlearn.robots.policies import ChunkPolicy
+from cotlearn.policies.camera import CameraNetwork, SeenFromT
+from cotlearn.policies.pixels import CameraOptions
+from cotlearn.policies.policy import ChunkPolicy
+from cotlearn.policies.settings import SETTINGS
+from cotlearn.policies.windows import Windows
+from cotlearn.robots.episodes import read, split
 from cotlearn.robots.push_t.camera import Camera
 from cotlearn.robots.push_t.frames import BodyFrame
-from cotlearn.robots.settings import SETTINGS
-from cotlearn.robots.visuomotor import CameraNetwork, SeenFromT
 
 SETTING = {"seed": 0, "held_out": 200, "rollouts": 100}
 CELLS = [

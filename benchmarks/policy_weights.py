@@ -24,10 +24,10 @@ import torch
 from cotlearn.assets import data_folder, find_data
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.metrics import paired_bootstrap
+from cotlearn.policies.policy import ChunkPolicy, FlowSampler
+from cotlearn.policies.rollout import rollout
+from cotlearn.policies.settings import SETTINGS
 from cotlearn.robots.episodes import read, split
-from cotlearn.robots.policies import ChunkPolicy, FlowSampler
-from cotlearn.robots.rollout import rollout
-from cotlearn.robots.settings import SETTINGS
 from cotlearn.storage import save_tensors
 
 METHODS = ("independent", "minibatch_ot", "stratified")

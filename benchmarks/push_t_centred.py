@@ -28,9 +28,10 @@ from cotlearn.couplings import Centred, Coupling
 from cotlearn.couplings.base import generator_for
 from cotlearn.couplings.conditions import Viewed
 from cotlearn.diagnostics import linear_skew
-from cotlearn.robots.benchmark.choice import seen_by
-from cotlearn.robots.episodes import Windows, read, split
-from cotlearn.robots.training import Options, train
+from cotlearn.policies.comparison.choice import seen_by
+from cotlearn.policies.training import Options, train
+from cotlearn.policies.windows import Windows
+from cotlearn.robots.episodes import read, split
 
 SETTING = {
     **{name: STRATA[name] for name in ("steps", "batch_size", "seed", "held_out", "rollouts")},

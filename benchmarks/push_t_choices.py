@@ -19,9 +19,9 @@ from cells import RESULTS, Table
 from short_training import train_and_roll
 
 from cotlearn.assets import find_data
+from cotlearn.policies.rollout import FRESH
+from cotlearn.policies.training import Options
 from cotlearn.robots.episodes import read, split
-from cotlearn.robots.rollout import FRESH
-from cotlearn.robots.training import Options
 
 SETTING = {
     "steps": 5000,

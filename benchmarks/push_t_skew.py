@@ -21,9 +21,9 @@ from push_t_strata import CLUSTERS, EPISODES
 from cotlearn.assets import find_data
 from cotlearn.couplings.base import generator_for
 from cotlearn.diagnostics import linear_skew, prior_skew
-from cotlearn.robots.benchmark.choice import seen_by
+from cotlearn.policies.comparison.choice import seen_by
+from cotlearn.policies.training import Options
 from cotlearn.robots.episodes import read, split
-from cotlearn.robots.training import Options
 
 SETTING = {"rows": 20_000, "batch_size": 512, "seed": 0, "held_out": 200}
 WEIGHTS = (5.33, 16.0, 53.3)  #: what `cotlearn bench push-t` took, 3 and 10 times as much

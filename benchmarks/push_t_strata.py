@@ -21,8 +21,8 @@ from short_training import train_and_roll
 from cotlearn.assets import find_data
 from cotlearn.couplings import StratifiedOT
 from cotlearn.diagnostics import frontier
+from cotlearn.policies.training import Options
 from cotlearn.robots.episodes import read, split
-from cotlearn.robots.training import Options
 
 SETTING = {
     "steps": 5000,

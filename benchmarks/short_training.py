@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from cotlearn.metrics import bootstrap_interval
+from cotlearn.policies.policy import FlowSampler
+from cotlearn.policies.rollout import FRESH, rollout
+from cotlearn.policies.training import Options, Trained, train
 from cotlearn.robots.episodes import Episodes
-from cotlearn.robots.policies import FlowSampler
-from cotlearn.robots.rollout import FRESH, rollout
-from cotlearn.robots.training import Options, Trained, train
 
 SAMPLERS = tuple(FlowSampler(nfe) for nfe in (1, 2, 16))
 

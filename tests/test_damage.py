@@ -12,7 +12,7 @@ import torch
 
 from cotlearn import assets
 from cotlearn.homework import submissions
-from cotlearn.robots.benchmark.cells import _done
+from cotlearn.policies.comparison.cells import _done
 from cotlearn.robots.experts import record
 from cotlearn.storage import load_tensors, save_tensors
 

@@ -42,7 +42,7 @@ def bench(
     completed in several goes, or by two runs side by side on different methods or seeds.
     """
     torch, episode_files = policies.robots()
-    from cotlearn.robots import benchmark
+    from cotlearn.policies import comparison
 
     torch.set_num_threads(1)
     short = name.replace("-", "_")
@@ -56,14 +56,14 @@ def bench(
     try:
         setting = policies.setting(name, options)
         if latency:
-            benchmark.measure_latency(folder, weights=weights, say=say)
+            comparison.measure_latency(folder, weights=weights, say=say)
         else:
-            benchmark.bench(
+            comparison.bench(
                 episode_files.read(policies.demonstrations(data, setting)),
                 folder=folder,
                 methods=[m.strip() for m in methods.split(",")] if methods else setting.methods,
                 seeds=policies.numbers(seeds, "seeds"),
-                protocol=benchmark.Protocol(
+                protocol=comparison.Protocol(
                     options=setting.options,
                     train_episodes=train_episodes,
                     held_out=held_out,
@@ -72,7 +72,7 @@ def bench(
                 weights=weights,
                 say=say,
             )
-        benchmark.summarise(folder, path, command=f"cotlearn bench {name}")
+        comparison.summarise(folder, path, command=f"cotlearn bench {name}")
     except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
         stop(str(error))
     except KeyboardInterrupt:

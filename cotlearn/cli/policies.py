@@ -16,7 +16,7 @@ from cotlearn import assets
 from cotlearn.cli.terminal import stop_missing
 
 if TYPE_CHECKING:
-    from cotlearn.robots.settings import Setting
+    from cotlearn.policies.settings import Setting
 
 Name = Annotated[
     str,
@@ -82,7 +82,7 @@ def setting(name: str, options: dict[str, Any]) -> Setting:
     Raises:
         ValueError: there is none of this name, or an option does not fit.
     """
-    from cotlearn.robots.settings import SETTINGS
+    from cotlearn.policies.settings import SETTINGS
     from cotlearn.validation import check_choice
 
     found = SETTINGS[check_choice(name, "task", tuple(SETTINGS))]

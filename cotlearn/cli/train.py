@@ -38,8 +38,8 @@ def train(
 ) -> None:
     """Trains a policy for a task, saves it, and tries it; resumes where it was interrupted."""
     torch, episode_files = policies.robots()
-    from cotlearn.robots import benchmark, training
-    from cotlearn.robots.rollout import rollout
+    from cotlearn.policies import comparison, training
+    from cotlearn.policies.rollout import rollout
 
     torch.set_num_threads(1)
     out = out or Path(f"{name.replace('-', '_')}.safetensors")
@@ -53,7 +53,7 @@ def train(
             coupling,
             chosen,
             seed=seed,
-            options=benchmark.with_choice(coupling, chosen, setting.options),
+            options=comparison.with_choice(coupling, chosen, setting.options),
             checkpoint=checkpoint,
         )
     except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
@@ -70,7 +70,7 @@ def train(
     if rollouts:
         names = [chosen.task.score, *chosen.task.thresholds]
         table = Table("sampler", *(n.replace("_", " ") for n in names), "ms a chunk", box=None)
-        for sampler in benchmark.samplers(trained.policy):
+        for sampler in comparison.samplers(trained.policy):
             policy = trained.policy.with_sampler(sampler)
             scores = rollout(policy, episodes=rollouts).summary()
             values = [f"{scores[n]:.3f}" for n in names]

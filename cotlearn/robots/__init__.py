@@ -1,4 +1,4 @@
-"""Robots: tasks and demonstrations on the ground floor, policies and rollouts above the flows.
+"""Robots as a source: tasks, experts, and the episodes that they leave.
 
 Importing this package registers the environments with gymnasium::
 

@@ -34,8 +34,8 @@ WITHOUT = {
     "potentials.ConvexPotential.*": "abstract: the potentials are tried",
     "potentials.*.value": "the formula, called when x and c have been checked",
     "potentials.*.given": "puts in a condition that `check` has returned",
-    "robots.policies.*Sampler.__call__": "called by ChunkPolicy.draw, which has looked",
-    "robots.policies.ChunkPolicy": "keeps what a coupling had fitted",
+    "policies.policy.*Sampler.__call__": "called by ChunkPolicy.draw, which has looked",
+    "policies.policy.ChunkPolicy": "keeps what a coupling had fitted",
     "robots.*Frame.*": "called by Windows, which has checked actions and states",
     "robots.task.World.*": "called by Windows",
     "robots.task.Task": "a record of the package's own tasks",
@@ -47,8 +47,8 @@ WITHOUT = {
     "robots.push_t.geometry.nearest_side": "called by the worlds with states of their own",
     "robots.push_t.rasteriser.paint": "a part of `rasterise`",
     "robots.push_t.simulation.checked": "the check itself",
-    "robots.rollout.with_thresholds": "called with outcomes of the worlds",
-    "robots.visuomotor.shifted": "a part of CameraLoss",
+    "policies.rollout.with_thresholds": "called with outcomes of the worlds",
+    "policies.camera.shifted": "a part of CameraLoss",
     "storage.save_tensors": "stores any tensors; tests/test_storage.py",
 } | dict.fromkeys(
     (
@@ -61,8 +61,8 @@ WITHOUT = {
         "report.Rows",
         "report.Trial",
         "robots.arm.Solution",
-        "robots.rollout.Rollouts",
-        "robots.training.Trained",
+        "policies.rollout.Rollouts",
+        "policies.training.Trained",
     ),
     "a record that functions of the package return",
 )

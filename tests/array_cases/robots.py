@@ -41,13 +41,13 @@ _chunks = rows(3, _windows.dim)
 for _name in ("act", "chunk"):
     _method = getattr(_policy, _name)
     add(
-        f"robots.policies.ChunkPolicy.{_name}",
+        f"policies.policy.ChunkPolicy.{_name}",
         lambda history, noise, f=_method: f(history, noise=noise),
         history=_history,
         noise=_chunks[None],
     )
 _condition = _windows.condition(_history)
-add("robots.policies.ChunkPolicy.draw", _policy.draw, noise=_chunks[None], c=_condition)
+add("policies.policy.ChunkPolicy.draw", _policy.draw, noise=_chunks[None], c=_condition)
 add(
     "robots.episodes.Windows",
     lambda observation_range, action_range: episodes.Windows(
@@ -113,16 +113,16 @@ _seeing = visuomotor.CameraNetwork(_camera, 8, features=2, width=8, blocks=1, se
 _hand, _features = _seeing.hand(_views), _seeing.encode(_views).detach()
 for _name in ("encode", "hand"):
     _method = getattr(_seeing, _name)
-    add(f"robots.visuomotor.CameraNetwork.{_name}", _method, bare=("c",), c=_views)
+    add(f"policies.camera.CameraNetwork.{_name}", _method, bare=("c",), c=_views)
 add(
-    "robots.visuomotor.CameraNetwork.look",
+    "policies.camera.CameraNetwork.look",
     _seeing.look,
     bare=("pictures", "hand"),
     pictures=_camera.pictures(_views),
     hand=_hand,
 )
 add(
-    "robots.visuomotor.CameraNetwork.pose_error",
+    "policies.camera.CameraNetwork.pose_error",
     _seeing.pose_error,
     bare=("features", "c"),
     features=_features,
@@ -133,7 +133,7 @@ for _name, _network, _c in (
     ("TurnedMLP", _seeing.head, _features),
 ):
     add(
-        f"robots.visuomotor.{_name}.forward",
+        f"policies.camera.{_name}.forward",
         _network,
         bare=("t", "x", "c"),
         t=torch.linspace(0, 1, 3),
@@ -143,14 +143,14 @@ for _name, _network, _c in (
 _from_the_t = visuomotor.SeenFromT(_camera)
 for _name in ("into", "out"):
     add(
-        f"robots.visuomotor.SeenFromT.{_name}",
+        f"policies.camera.SeenFromT.{_name}",
         getattr(_from_the_t, _name),
         bare=("x", "c"),
         x=rows(3, 8),
         c=_views,
     )
 add(
-    "robots.visuomotor.CameraLoss.__call__",
+    "policies.camera.CameraLoss.__call__",
     lambda x0, x1, c: visuomotor.CameraLoss(flows.conditional_flow_matching_loss, shift=1)(
         _seeing, couplings.Pairs(x0, x1, c, torch.arange(3), torch.arange(3)), g()
     ),

@@ -11,8 +11,8 @@ import time
 
 import pytest
 
+from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.robots.experts.record import load
-from cotlearn.robots.policies import ChunkPolicy
 
 pytestmark = [
     pytest.mark.slow,
@@ -25,7 +25,7 @@ PATIENCE = 600  # seconds, on a very busy machine
 #: `cotlearn`, but with a checkpoint every 100 steps, and with four rollouts for the modes, not 400.
 SMALL = """
 from cotlearn.flows import training
-from cotlearn.robots.benchmark import scores
+from cotlearn.policies.comparison import scores
 training.fit.__kwdefaults__["checkpoint_every"] = 100
 scores.MODE_STARTS = scores.MODE_DRAWS = 2
 from cotlearn.cli import main

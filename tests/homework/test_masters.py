@@ -20,7 +20,7 @@ HELPERS = {
     "cotlearn.homework.push_t_twist": {"Twist", "play"},
     "cotlearn.metrics": {"paired_bootstrap", "squared_w2"},
     "cotlearn.mixtures": {"petals"},
-    "cotlearn.robots.policies": {"ChunkPolicy", "FlowSampler"},
+    "cotlearn.policies.policy": {"ChunkPolicy", "FlowSampler"},
     "cotlearn.robots.push_t": {"GOAL"},
     "cotlearn": {"plots"},
 }

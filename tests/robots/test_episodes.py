@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 import torch
 
+from cotlearn.policies.windows import Windows
 from cotlearn.robots import episodes as module
-from cotlearn.robots.episodes import Episodes, Windows, read, split, write_lerobot
+from cotlearn.robots.episodes import Episodes, read, split, write_lerobot
 from cotlearn.robots.episodes.lerobot import pose_of
 from cotlearn.robots.experts import record
 from cotlearn.robots.push_t import GOAL, corners

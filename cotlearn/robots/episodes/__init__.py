@@ -1,18 +1,17 @@
-"""Demonstrations of Push-T: read and check them, split them, cut them into windows, exchange them.
+"""Demonstrations of Push-T: read and check them, split them, exchange them.
 
 ``read(path)`` takes this course's `.npz`, Diffusion Policy's zarr and LeRobot's parquet layout.
 """
 
+from cotlearn.renamed import renamed
 from cotlearn.robots.episodes.checked import Episodes, split
 from cotlearn.robots.episodes.lerobot import read_lerobot, write_lerobot
 from cotlearn.robots.episodes.pictures import write_pictures
 from cotlearn.robots.episodes.replay import read_replay_buffer
 from cotlearn.robots.episodes.store import read
-from cotlearn.robots.episodes.windows import Windows
 
 __all__ = [
     "Episodes",
-    "Windows",
     "read",
     "read_lerobot",
     "read_replay_buffer",
@@ -20,3 +19,5 @@ __all__ = [
     "write_lerobot",
     "write_pictures",
 ]
+
+__getattr__ = renamed(__name__, {"Windows": "cotlearn.policies.windows:Windows"})

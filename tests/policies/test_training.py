@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 from cotlearn import cli
 from cotlearn.couplings import Centred, StratifiedOT
-from cotlearn.robots.benchmark import Protocol, bench, choose, samplers, summarise, with_choice
+from cotlearn.policies.comparison import Protocol, bench, choose, samplers, summarise, with_choice
+from cotlearn.policies.policy import ChunkPolicy
+from cotlearn.policies.training import METHODS, Options, train
 from cotlearn.robots.episodes import write_lerobot
-from cotlearn.robots.policies import ChunkPolicy
-from cotlearn.robots.training import METHODS, Options, train
 
 SMALL = Options(
     steps=20,
@@ -29,7 +29,7 @@ SMALL = Options(
 
 @pytest.fixture(autouse=True)
 def _little_to_score(monkeypatch):
-    from cotlearn.robots.benchmark import cells, choice, scores
+    from cotlearn.policies.comparison import cells, choice, scores
 
     recipe = SimpleNamespace(expert=lambda: SimpleNamespace(episode=_straight_on))
     monkeypatch.setattr(cells, "RECIPES", {"push-t": recipe})
@@ -49,7 +49,7 @@ def _straight_on(seed, *, state):
 
 
 def _short(policy, **options):
-    from cotlearn.robots.rollout import rollout
+    from cotlearn.policies.rollout import rollout
 
     return rollout(policy, **{**options, "max_steps": 9})
 

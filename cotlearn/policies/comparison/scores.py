@@ -12,7 +12,7 @@ from torch import Tensor
 from cotlearn.couplings.base import generator_for
 from cotlearn.datasets import Dataset
 from cotlearn.metrics import energy_score, mode_entropy
-from cotlearn.robots.policies import (
+from cotlearn.policies.policy import (
     ChunkPolicy,
     DDIMSampler,
     DDPMSampler,
@@ -20,7 +20,7 @@ from cotlearn.robots.policies import (
     MeanSampler,
     Sampler,
 )
-from cotlearn.robots.rollout import rollout
+from cotlearn.policies.rollout import rollout
 
 SCORED_STATES, SCORED_SAMPLES = 1000, 8  #: of the energy score
 MODE_SEED = 2_000_000  #: seed of the first start from which modes are counted

@@ -31,14 +31,15 @@ from cotlearn.flows.matching import EarlyFlowMatching, Loss, conditional_flow_ma
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet
 from cotlearn.flows.solvers import integrate
 from cotlearn.flows.training import FitResult, fit
-from cotlearn.robots.episodes import Episodes, Windows
-from cotlearn.robots.policies import (
+from cotlearn.policies.policy import (
     ChunkPolicy,
     DDPMSampler,
     FlowSampler,
     MeanSampler,
     Sampler,
 )
+from cotlearn.policies.windows import Windows
+from cotlearn.robots.episodes import Episodes
 from cotlearn.validation import check_choice, check_count, check_number
 
 #: name: what it is

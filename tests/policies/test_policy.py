@@ -8,8 +8,7 @@ import cotlearn.robots  # noqa: F401  (registers the environment)
 from cotlearn.flows.diffusion import Diffusion
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet, VelocityMLP
 from cotlearn.flows.solvers import integrate
-from cotlearn.robots.episodes import Windows
-from cotlearn.robots.policies import (
+from cotlearn.policies.policy import (
     ChunkPolicy,
     DDIMSampler,
     DDPMSampler,
@@ -17,6 +16,7 @@ from cotlearn.robots.policies import (
     MeanSampler,
     build,
 )
+from cotlearn.policies.windows import Windows
 
 SAMPLERS = [
     FlowSampler(2),

@@ -6,11 +6,11 @@ import pytest
 import torch
 
 import cotlearn.robots  # noqa: F401  (registers the environment)
-from cotlearn.robots import rollout as module
+from cotlearn.policies import rollout as module
+from cotlearn.policies.rollout import FRESH
 from cotlearn.robots.push_t import GOAL, Simulations
 from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.robots.push_t.worlds import PushTWorlds
-from cotlearn.robots.rollout import FRESH
 
 
 def rollout(policy, **options):

@@ -12,12 +12,12 @@ from cotlearn.couplings.base import generator_for
 from cotlearn.flows.diffusion import Diffusion
 from cotlearn.flows.matching import conditional_flow_matching_loss
 from cotlearn.flows.solvers import integrate
-from cotlearn.robots.benchmark import Protocol, bench, choose, samplers, summarise, with_choice
-from cotlearn.robots.pixels import CameraOptions
-from cotlearn.robots.policies import ChunkPolicy, FlowSampler
-from cotlearn.robots.settings import SETTINGS
-from cotlearn.robots.training import train
-from cotlearn.robots.visuomotor import CameraLoss, CameraNetwork, SeenFromT, TurnedMLP, shifted
+from cotlearn.policies.camera import CameraLoss, CameraNetwork, SeenFromT, TurnedMLP, shifted
+from cotlearn.policies.comparison import Protocol, bench, choose, samplers, summarise, with_choice
+from cotlearn.policies.pixels import CameraOptions
+from cotlearn.policies.policy import ChunkPolicy, FlowSampler
+from cotlearn.policies.settings import SETTINGS
+from cotlearn.policies.training import train
 
 SMALL = CameraOptions(
     steps=4,
@@ -209,7 +209,7 @@ def test_bad_options():
 
 
 def test_the_frontier_can_be_asked_for_pictures(data, windows, monkeypatch):
-    from cotlearn.robots.benchmark import choice
+    from cotlearn.policies.comparison import choice
 
     monkeypatch.setattr(choice, "FRONTIER_ROWS", 128)
     monkeypatch.setattr(choice, "FACTORS", (1.0, 100.0))
@@ -223,8 +223,8 @@ def test_the_frontier_can_be_asked_for_pictures(data, windows, monkeypatch):
 
 
 def test_a_small_bench(episodes, tmp_path, monkeypatch):
-    from cotlearn.robots.benchmark import cells, scores
-    from cotlearn.robots.rollout import rollout
+    from cotlearn.policies.comparison import cells, scores
+    from cotlearn.policies.rollout import rollout
 
     def short(policy, **options):
         return rollout(policy, **{**options, "max_steps": 9})

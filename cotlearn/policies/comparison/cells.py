@@ -11,16 +11,16 @@ from typing import Any
 
 from cotlearn.couplings import Independent
 from cotlearn.metrics import mode_entropy
-from cotlearn.robots.benchmark import scores
-from cotlearn.robots.benchmark.choice import choose, is_open, seen_by
-from cotlearn.robots.benchmark.protocol import Protocol, machine, write_json
-from cotlearn.robots.benchmark.scores import evaluate, samplers
+from cotlearn.policies.comparison import scores
+from cotlearn.policies.comparison.choice import choose, is_open, seen_by
+from cotlearn.policies.comparison.protocol import Protocol, machine, write_json
+from cotlearn.policies.comparison.scores import evaluate, samplers
+from cotlearn.policies.policy import ChunkPolicy
+from cotlearn.policies.training import METHODS, Options, Trained, train
 from cotlearn.robots.episodes import Episodes, split
 from cotlearn.robots.experts.modes import demonstrated_modes
 from cotlearn.robots.experts.record import RECIPES
-from cotlearn.robots.policies import ChunkPolicy
 from cotlearn.robots.task import Task
-from cotlearn.robots.training import METHODS, Options, Trained, train
 from cotlearn.validation import check_choice, check_count
 
 DEMONSTRATED = "demonstrations.json"  #: in the folder of the cells

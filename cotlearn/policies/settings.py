@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from cotlearn.robots.pixels import CameraOptions
-from cotlearn.robots.training import METHODS, Options
+from cotlearn.policies.pixels import CameraOptions
+from cotlearn.policies.training import METHODS, Options
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from torch import nn
 from cotlearn.couplings.conditions import PCAKMeansCondition, Viewed
 from cotlearn.datasets import Dataset
 from cotlearn.flows.matching import Loss
-from cotlearn.robots.episodes import Windows
+from cotlearn.policies.camera import CameraLoss, CameraNetwork
+from cotlearn.policies.training import Options
+from cotlearn.policies.windows import Windows
 from cotlearn.robots.push_t.camera import Camera
-from cotlearn.robots.training import Options
-from cotlearn.robots.visuomotor import CameraLoss, CameraNetwork
 from cotlearn.validation import check_count
 
 

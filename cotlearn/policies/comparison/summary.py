@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from cotlearn.metrics import paired_bootstrap, wilson_interval
-from cotlearn.robots.benchmark.cells import DEMONSTRATED
-from cotlearn.robots.benchmark.protocol import write_json
+from cotlearn.policies.comparison.cells import DEMONSTRATED
+from cotlearn.policies.comparison.protocol import write_json
+from cotlearn.policies.rollout import with_thresholds
+from cotlearn.policies.training import METHODS
 from cotlearn.robots.registry import find_task
-from cotlearn.robots.rollout import with_thresholds
 from cotlearn.robots.task import Array
-from cotlearn.robots.training import METHODS
 
 REFERENCE = ("independent", "euler-16")  #: what all others are compared to
 

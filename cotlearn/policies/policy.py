@@ -16,10 +16,10 @@ from torch import Tensor, nn
 from cotlearn.flows.diffusion import Diffusion, predict
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet
 from cotlearn.flows.solvers import integrate
-from cotlearn.robots.episodes.windows import Windows
+from cotlearn.policies.camera import CameraNetwork
+from cotlearn.policies.windows import Windows
 from cotlearn.robots.push_t.camera import Camera
 from cotlearn.robots.task import Array
-from cotlearn.robots.visuomotor import CameraNetwork
 from cotlearn.storage import load_tensors, save_tensors
 from cotlearn.validation import check_count
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from cotlearn.policies.training import Options
 from cotlearn.robots.episodes import Episodes
-from cotlearn.robots.training import Options
 from cotlearn.storage import atomic_path
 from cotlearn.validation import check_count
 

@@ -8,8 +8,9 @@ from typing import Any
 from cotlearn.couplings import Coupling, Independent
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import frontier
-from cotlearn.robots.episodes import Episodes, Windows
-from cotlearn.robots.training import Options
+from cotlearn.policies.training import Options
+from cotlearn.policies.windows import Windows
+from cotlearn.robots.episodes import Episodes
 
 #: condition weights, as multiples of the ratio of sample to condition variance
 FACTORS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)

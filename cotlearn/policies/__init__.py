@@ -1,0 +1,1 @@
+"""Policies: observe a short history, sample a chunk of actions, act; training and comparison."""

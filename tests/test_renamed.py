@@ -1,0 +1,30 @@
+"""Old names work for one minor version, and say what they are called now."""
+
+import importlib
+
+import pytest
+
+from cotlearn.renamed import MODULES, renamed
+
+
+@pytest.mark.parametrize("old", MODULES)
+def test_a_module_that_moved_is_found_with_a_warning(old, monkeypatch):
+    monkeypatch.delitem(importlib.sys.modules, old, raising=False)
+    new = importlib.import_module(MODULES[old])
+    spec = new.__spec__
+    with pytest.warns(FutureWarning, match=f"{old} is called {MODULES[old]} now"):
+        assert importlib.import_module(old) is new
+    assert new.__spec__ is spec
+
+
+def test_a_name_that_changed_is_found_with_a_warning():
+    find = renamed("cotlearn.metrics", {"old": "energy_score", "far": "cotlearn.claims:claim"})
+    with pytest.warns(FutureWarning, match="metrics.old is called cotlearn.metrics.energy_score"):
+        assert find("old") is importlib.import_module("cotlearn.metrics").energy_score
+    with pytest.warns(FutureWarning, match="metrics.far is called cotlearn.claims.claim now"):
+        assert find("far") is importlib.import_module("cotlearn.claims").claim
+
+
+def test_other_names_are_unknown():
+    with pytest.raises(AttributeError, match="has no attribute 'never'"):
+        renamed("cotlearn.metrics", {})("never")
