@@ -1,7 +1,7 @@
 """Is the coupling that `recommend` picks the one that training would have picked?
 
 Four conditional tasks on data that nobody here made, all of scikit-learn (see
-`cotlearn.datasets.foreign`). Every candidate of `recommend` is trained, same network and same
+`cotlearn.datasets.sklearn_task`). Every candidate of `recommend` is trained, same network and same
 budget, with three seeds, and scored on held-out rows: the energy score at 1, 2 and 16 evaluations.
 The recommendation sees the training rows only. Its regret is its score less that of the candidate
 that turned out best, in percent of the latter.
@@ -24,7 +24,7 @@ import numpy as np
 import torch
 from cells import RESULTS, Table
 
-from cotlearn.datasets import FOREIGN, Dataset, foreign
+from cotlearn.datasets import SKLEARN_TASKS, Dataset, sklearn_task
 from cotlearn.diagnostics import Recommendation, recommend
 from cotlearn.diagnostics.recommendation import candidates
 from cotlearn.flows import VelocityMLP, fit, sampler
@@ -57,7 +57,7 @@ RULES = {
 @functools.cache
 def data(name: str) -> tuple[Dataset, Dataset]:
     """Training and held-out rows."""
-    return foreign(name)
+    return sklearn_task(name)
 
 
 def compute(key: dict[str, Any]) -> dict[str, Any]:
@@ -164,7 +164,7 @@ def main() -> None:
     table = Table(options.output, question=question, protocol={**SETTING, "rules": RULES})
     keys: list[dict[str, Any]] = []
     for seed in range(int(SETTING["seeds"])):
-        for name in FOREIGN:
+        for name in SKLEARN_TASKS:
             train, _ = data(name)
             assert train.c is not None
             if seed == 0:

@@ -19,6 +19,38 @@ from cotlearn.validation import (
 )
 
 Array = NDArray[Any]
+Rows = Any  #: a tensor or an array of shape (rows, columns)
+
+
+@dataclass(frozen=True)
+class Standardiser:
+    """Columns to mean 0 and standard deviation 1, and back; constant columns become 0.
+
+    Attributes:
+        mean: (k,), of each column of the rows that it was fitted to.
+        std: (k,), exactly 0 for a constant column.
+    """
+
+    mean: Rows
+    std: Rows
+
+    @classmethod
+    def fit(cls, rows: Rows) -> Standardiser:
+        """Mean and population standard deviation of rows (n, k), a tensor or an array."""
+        std = rows.std(0, unbiased=False) if isinstance(rows, Tensor) else rows.std(0)
+        varies = (rows != rows[0]).any(0)  # where not, rounding can make std a little more than 0
+        return cls(rows.mean(0), std * varies)
+
+    def __call__(self, rows: Rows) -> Rows:
+        """Rows (n, k) in standard units."""
+        if rows.shape[1] != len(self.mean):
+            raise ValueError(f"{rows.shape[1]} columns came, this was fitted on {len(self.mean)}")
+        varies = self.std > 0
+        return (rows - self.mean) * varies / (self.std + ~varies)
+
+    def inverse(self, rows: Rows) -> Rows:
+        """Rows (n, k) in the units of the data."""
+        return rows * self.std + self.mean
 
 
 @dataclass(frozen=True)
@@ -143,7 +175,7 @@ def digits(split: str = "all") -> Dataset:
     return Dataset(x1[rows], c[rows], name="digits")
 
 
-FOREIGN = ("digits_lower", "diabetes", "breast_cancer", "flower")  #: see `foreign`
+SKLEARN_TASKS = ("digits_lower", "diabetes", "breast_cancer", "flower")  #: see `sklearn_task`
 
 
 def foreign(name: str) -> tuple[Dataset, Dataset]:
@@ -160,11 +192,11 @@ def foreign(name: str) -> tuple[Dataset, Dataset]:
     a corner that is nearly always white should stay so. Each fourth row is held out.
 
     Args:
-        name: one of `FOREIGN`.
+        name: one of `SKLEARN_TASKS`.
     """
     from sklearn import datasets
 
-    check_choice(name, "name", FOREIGN)
+    check_choice(name, "name", SKLEARN_TASKS)
     if name == "digits_lower":
         images = datasets.load_digits().data
         x1, c = _one_scale(images[:, 32:]), _one_scale(images[:, :32])
@@ -195,7 +227,7 @@ def _flower(image: Array) -> tuple[Array, Array]:
 
 
 def _columns(table: Array) -> Array:
-    scaled: Array = (table - table.mean(axis=0)) / table.std(axis=0)
+    scaled: Array = Standardiser.fit(table)(table)
     return scaled
 
 

@@ -1,10 +1,11 @@
 import math
 
+import numpy as np
 import pytest
 import torch
 
 from cotlearn import mixtures
-from cotlearn.datasets import Dataset, Unconditional, digits, unconditional
+from cotlearn.datasets import Dataset, Standardiser, Unconditional, digits, unconditional
 
 
 def seeded(seed=0):
@@ -83,6 +84,21 @@ def test_digits_are_the_real_ones():
     assert not both  # no image stands on both sides
     assert (test.c.sum(dim=0) > 35).all()
     assert torch.equal(every.conditions(), torch.eye(10))
+
+
+@pytest.mark.parametrize("kind", [torch.from_numpy, lambda array: array, torch.Tensor])
+def test_standardiser(kind):
+    table = np.random.default_rng(0).normal(3, [2, 5, 0], size=(100, 3))
+    rows = kind(table)
+    standardise = Standardiser.fit(rows)
+    scaled = np.asarray(standardise(rows), dtype=np.float64)
+    assert type(standardise(rows)) is type(rows)
+    assert np.allclose(scaled.mean(axis=0), 0, atol=1e-6)
+    assert np.allclose(scaled.std(axis=0), [1, 1, 0])
+    assert (standardise(rows + 1)[:, 2] == 0).all()  # the column did not vary when it was fitted
+    assert np.allclose(standardise.inverse(standardise(rows)), table, atol=1e-5)
+    with pytest.raises(ValueError, match="2 columns came, this was fitted on 3"):
+        standardise(rows[:, :2])
 
 
 @pytest.mark.parametrize(

@@ -332,7 +332,7 @@ def test_paired_bootstrap_counts_seeds_as_well():
     """With one value a seed the interval is as wide as that of the seeds alone."""
     difference = np.repeat([[0.0], [1.0], [2.0]], 50, axis=1)
     mean, low, high = paired_bootstrap(difference, np.zeros((3, 50)))
-    assert (mean, low, high) == (1.0, 0.0, 2.0)
+    assert (mean, low, high) == pytest.approx((1.0, 0.0, 2.0))  # rounding depends on threads
 
 
 def test_mode_entropy():
