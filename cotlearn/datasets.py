@@ -178,7 +178,7 @@ def digits(split: str = "all") -> Dataset:
 SKLEARN_TASKS = ("digits_lower", "diabetes", "breast_cancer", "flower")  #: see `sklearn_task`
 
 
-def foreign(name: str) -> tuple[Dataset, Dataset]:
+def sklearn_task(name: str) -> tuple[Dataset, Dataset]:
     """Data of scikit-learn as conditional tasks: training rows and held-out rows.
 
     - digits_lower: the lower half of a digit (32 grey values) given the upper half; 1,797 rows.

@@ -335,7 +335,7 @@ def test_training_in_a_thread():
 SCRIPT = """
     import sys
     sys.path.insert(0, {folder!r})
-    from test_training import Hooked, interrupt, kill, train
+    from test_fit import Hooked, interrupt, kill, train
 
     train(loss=Hooked(19, {what}), checkpoint={path!r}, checkpoint_every=5)
 """
