@@ -13,6 +13,8 @@ import shutil
 from functools import cache
 from pathlib import Path
 
+from cotlearn.files import write_text
+
 #: In the folder `data/`: one line a file, in the format of the program `sha256sum`.
 SUMS = "SHA256SUMS"
 
@@ -118,9 +120,8 @@ def write_sums() -> Path:
     """Writes `data/SHA256SUMS` anew, from the files as they are now, and returns its path."""
     path = data_folder() / SUMS
     text = "".join(f"{digest}  {name}\n" for name, digest in measured_sums().items())
-    unfinished = path.with_name(f".{SUMS}")
-    unfinished.write_text(text, encoding="utf-8", newline="\n")
-    return unfinished.replace(path)
+    write_text(path, text)
+    return path
 
 
 def remedy(name: str) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import os
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
 
 from cotlearn.claims import count_claims
+from cotlearn.files import write_text
 
 #: Called after each code cell with (code cells done, code cells in all, seconds so far).
 Progress = Callable[[int, int, float], None]
@@ -145,7 +145,7 @@ def store(run: Run) -> None:
     run.notebook.metadata.setdefault("language_info", {}).pop("version", None)
     run.notebook.metadata.pop("widgets", None)
     text = nbformat.writes(run.notebook)
-    _write_atomically(run.path, text if text.endswith("\n") else text + "\n")
+    write_text(run.path, text if text.endswith("\n") else text + "\n")
 
 
 def to_html(run: Run, folder: Path) -> Path:
@@ -169,7 +169,7 @@ def to_html(run: Run, folder: Path) -> Path:
     # Links between notebooks become links between pages.
     for other in run.path.parent.glob("*.ipynb"):
         body = body.replace(f'href="{other.name}', f'href="{other.stem}.html')
-    _write_atomically(page, body)
+    write_text(page, body)
     return page
 
 
@@ -183,7 +183,7 @@ def write_index(runs: list[Run], folder: Path) -> Path:
         for run in runs
     )
     page = folder / "index.html"
-    _write_atomically(
+    write_text(
         page,
         f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>cotlearn</title>
@@ -246,16 +246,3 @@ def _printed(cell: nbformat.NotebookNode) -> str:
 def _traceback(cell: nbformat.NotebookNode) -> str:
     errors = [output for output in cell.get("outputs", []) if output.output_type == "error"]
     return "\n".join("\n".join(output.traceback) for output in errors)
-
-
-def _write_atomically(path: Path, text: str) -> None:
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-        mode = path.stat().st_mode & 0o777 if path.exists() else 0o644
-        os.chmod(temporary, mode)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise

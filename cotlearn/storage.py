@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import os
-import uuid
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,24 +12,11 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from cotlearn.files import atomic_path
+
+__all__ = ["atomic_path", "load_tensors", "save_tensors"]
+
 _KEY = "cotlearn"
-
-
-@contextlib.contextmanager
-def atomic_path(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path` that replaces it when the block ends without an error.
-
-    Whoever reads `path` sees the old file or the new one, whole, even if the process is killed.
-    """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.parent / f".{path.name}.{uuid.uuid4().hex}"
-    temporary.touch(exist_ok=False)
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def save_tensors(path: str | Path, tensors: dict[str, Tensor], about: dict[str, Any]) -> None:
@@ -42,9 +25,7 @@ def save_tensors(path: str | Path, tensors: dict[str, Tensor], about: dict[str, 
     tensors = {name: value.detach().cpu().clone().contiguous() for name, value in tensors.items()}
     record = json.dumps({"about": about, "sha256": _digest(tensors, about)})
     with atomic_path(path) as temporary:
-        mode = temporary.stat().st_mode
         save_file(tensors, temporary, metadata={_KEY: record})
-        temporary.chmod(mode)  # safetensors lets only the owner read
 
 
 def load_tensors(path: str | Path) -> tuple[dict[str, Tensor], dict[str, Any]]:

@@ -88,17 +88,3 @@ def test_damaged_and_missing_files(tmp_path):
         execution.execute(tmp_path / "none.ipynb")
     with pytest.raises(ValueError, match="timeout must be at least 1"):
         execution.execute(damaged, timeout=0)
-
-
-def test_a_write_that_fails_leaves_the_old_file(write, monkeypatch):
-    run = execution.execute(write())
-    before = run.path.read_bytes()
-
-    def fail(*args):
-        raise OSError("disk full")
-
-    monkeypatch.setattr(execution.os, "replace", fail)
-    with pytest.raises(OSError, match="disk full"):
-        execution.store(run)
-    assert run.path.read_bytes() == before
-    assert len(list(run.path.parent.iterdir())) == 1

@@ -2,16 +2,13 @@
 
 import json
 import os
-import subprocess
-import sys
-import textwrap
 
 import numpy as np
 import pytest
 import torch
 from safetensors.torch import save_file
 
-from cotlearn.storage import atomic_path, load_tensors, save_tensors
+from cotlearn.storage import load_tensors, save_tensors
 
 TENSORS = {
     "weights": torch.randn(4, 3, generator=torch.Generator().manual_seed(0)),
@@ -63,41 +60,12 @@ def test_a_file_has_the_permissions_of_any_new_file(path, tmp_path):
     assert path.stat().st_mode == other.stat().st_mode
 
 
-def test_an_error_in_the_middle_keeps_the_old_file(path):
-    path.write_text("old")
-
-    def write_half():
-        with atomic_path(path) as temporary:
-            temporary.write_text("half of the n")
-            raise OSError("disk full")
-
-    with pytest.raises(OSError, match="disk full"):
-        write_half()
-    assert path.read_text() == "old"
-    assert [p.name for p in path.parent.iterdir()] == [path.name]
-
-
 def test_what_cannot_be_written_keeps_the_old_file(path):
     save_tensors(path, TENSORS, ABOUT)
     before = path.read_bytes()
     with pytest.raises(TypeError):
         save_tensors(path, TENSORS, {"not": object()})
     assert path.read_bytes() == before
-
-
-@pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
-def test_a_process_killed_while_writing_keeps_the_old_file(path):
-    path.write_text("old")
-    script = f"""
-        import os, signal
-        from cotlearn.storage import atomic_path
-        with atomic_path({str(path)!r}) as temporary:
-            temporary.write_text("half of the n")
-            os.kill(os.getpid(), signal.SIGKILL)
-    """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], check=False)
-    assert done.returncode != 0
-    assert path.read_text() == "old"
 
 
 def test_every_flipped_byte_is_found_or_does_no_harm(path):

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cotlearn
+from cotlearn.files import write_text
 from cotlearn.homework import assignments
 from cotlearn.homework.isolation import Limits
 from cotlearn.homework.marking import Mark, Marked, mark
-from cotlearn.homework.progress import write_atomically
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def grade(
             stop.set()
             raise
     rows.sort(key=lambda row: row.file)
-    write_atomically(out, table(rows), encoding="utf-8-sig")  # so that Excel reads the accents
+    write_text(out, table(rows), encoding="utf-8-sig")  # so that Excel reads the accents
     return rows
 
 
@@ -127,7 +127,7 @@ def _grade(
     except Exception as error:  # ours, not the student's: said, and tried again the next time
         return Row(file.as_posix(), Marked("", "", (), f"{type(error).__name__}: {error}"))
     _write_feedback(stored, file, marked)
-    write_atomically(stored, json.dumps({"key": key, "marked": marked.to_json()}, indent=1) + "\n")
+    write_text(stored, json.dumps({"key": key, "marked": marked.to_json()}, indent=1) + "\n")
     return Row(file.as_posix(), marked)
 
 
@@ -149,7 +149,7 @@ def _salt(masters: Path | None, limits: Limits) -> str:
 
 def _write_feedback(stored: Path, file: Path, marked: Marked) -> None:
     stored.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(stored.with_name(f"{file.stem}.md"), feedback_text(file.name, marked))
+    write_text(stored.with_name(f"{file.stem}.md"), feedback_text(file.name, marked))
 
 
 def table(rows: Iterable[Row]) -> str:

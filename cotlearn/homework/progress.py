@@ -10,10 +10,10 @@ import datetime
 import json
 import os
 import sys
-import tempfile
 from pathlib import Path
 
 from cotlearn import assets
+from cotlearn.files import write_text
 
 
 def file() -> Path:
@@ -66,21 +66,7 @@ def remember(verdicts: dict[str, str], path: Path | None = None) -> bool:
             known[name] = {"verdict": verdict, "when": now}
     text = json.dumps({"exercises": known}, indent=1, sort_keys=True) + "\n"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, text)
+        write_text(path, text)
     except OSError:
         return False
     return True
-
-
-def write_atomically(path: Path, text: str, encoding: str = "utf-8") -> None:
-    """Writes a file so that at any moment there is the old one or the new one, whole."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:40]}.")
-    try:
-        with os.fdopen(handle, "w", encoding=encoding, newline="") as stream:
-            stream.write(text)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise

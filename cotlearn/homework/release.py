@@ -20,9 +20,9 @@ from typing import Any
 
 import cotlearn
 from cotlearn import assets
+from cotlearn.files import write_text
 from cotlearn.homework import assignments
 from cotlearn.homework.marking import mark
-from cotlearn.homework.progress import write_atomically
 from cotlearn.homework.submissions import read_notebook
 
 _SEED = re.compile(r"^(\s*)seed = \d+$", re.MULTILINE)
@@ -207,4 +207,4 @@ def _write(path: Path, notebook: Any) -> None:
     import nbformat
 
     text = nbformat.writes(notebook)
-    write_atomically(path, text if text.endswith("\n") else text + "\n")
+    write_text(path, text if text.endswith("\n") else text + "\n")

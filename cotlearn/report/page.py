@@ -18,8 +18,8 @@ from matplotlib.axes import Axes
 
 import cotlearn
 from cotlearn import plots
+from cotlearn.files import write_text
 from cotlearn.report.findings import NFE, Findings
-from cotlearn.storage import atomic_path
 
 PACKAGES = ("torch", "numpy", "scipy", "scikit-learn", "POT")
 
@@ -50,8 +50,7 @@ def write_page(
         command=command,
         model=None if model is None else Path(model).name,
     )
-    with atomic_path(path) as part:
-        part.write_text(text, encoding="utf-8")
+    write_text(path, text)
     return path
 
 
