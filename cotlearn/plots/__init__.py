@@ -6,7 +6,7 @@ the animation. ``style`` says what everything looks like.
 """
 
 from cotlearn.plots._canvas import PANEL_SIZE, panels
-from cotlearn.plots.arm import arm_animation, arm_paths, arm_paths_3d, arm_pose
+from cotlearn.plots.arm import arm_paths, arm_paths_3d, arm_pose
 from cotlearn.plots.distributions import bars, histogram
 from cotlearn.plots.images import image_grid, picture_grid
 from cotlearn.plots.lines import curves, error_against_nfe, training_curves
@@ -57,7 +57,6 @@ __all__ = [
     "SOURCE_COLOR",
     "Gif",
     "animate",
-    "arm_animation",
     "arm_paths",
     "arm_paths_3d",
     "arm_pose",

@@ -7,26 +7,21 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.animation import FuncAnimation
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.plots._arrays import as_array
 from cotlearn.plots._canvas import finish, open_axes
 from cotlearn.plots.style import PATH_COLOR, SOURCE_COLOR, condition_color
+from cotlearn.robots.arm.drawing import GOAL_MARK, PILLAR, VIEWS, draw_arm, draw_pillar
 
-PILLAR, GOAL_MARK = "#E07B39", "#2CA05A"
-SHELL, JOINT, ROD = "#F2F2F4", "#3D4552", "#1F6FB2"
-TABLE = "#EFE8DC"
 SIZE = (4.6, 3.6)
 _FAILED = -1
-_LOOK = {"left": (26.0, -58.0), "above": (89.9, -180.0)}  #: elevation and azimuth, degrees
 
 Array = NDArray[np.float64]
 
@@ -99,7 +94,7 @@ def arm_paths_3d(
     lines, ways, goal, posts = _read(paths, state, modes)
     ax = _open_space(ax)
     for post in posts:
-        _pillar(ax, post)
+        draw_pillar(ax, post)
     for way, look in _looks(ways, labels):
         ax.add_collection3d(Line3DCollection(list(lines[ways == way]), **look))
     ax.scatter(*lines[:, 0].T, s=14, color=SOURCE_COLOR, depthshade=False)
@@ -117,8 +112,6 @@ def arm_pose(
     *,
     ax: Any = None,
     title: str | None = None,
-    bare: bool = False,
-    above: bool = False,
 ) -> Any:
     """Draw the arm among its pillars, as lines between its joints.
 
@@ -127,80 +120,18 @@ def arm_pose(
         state: (columns,), as in :func:`arm_paths`.
         ax: 3D axes; a new figure by default.
         title: words above the panel.
-        bare: without axes and their words.
-        above: seen from above.
 
     Raises:
         ValueError: a shape does not fit, or a value is not finite.
     """
-    skeleton = _skeleton(points)
+    skeleton, array = _skeleton(points), as_array(state, "state")
+    _scenery(array)
     ax = _open_space(ax)
-    _, goal, posts = _scenery(state)
-    corners = np.array([[-0.13, -0.48], [0.88, -0.48], [0.88, 0.48], [-0.13, 0.48]])
-    table = np.column_stack([corners, np.zeros(4)])
-    ax.add_collection3d(Poly3DCollection([table], facecolor=TABLE, edgecolor="#B9AE9C", zorder=0))
-    ax.computed_zorder = False  # the table lies under all, and the arm hides what is behind it
-    for post in posts:
-        _pillar(ax, post, zorder=2)
-    ax.scatter(*goal, s=26, color=GOAL_MARK, zorder=3, depthshade=False)
-    _draw_arm(ax, skeleton)
-    ax.set(xlim=(-0.1, 0.85), ylim=(-0.45, 0.45), zlim=(0.0, 0.8))
-    ax.set_box_aspect((0.95, 0.9, 0.8), zoom=0.85 if above else 1.05 if bare else 1.0)
-    ax.view_init(*_LOOK["above" if above else "left"])
-    if bare:
-        ax.set_axis_off()
-    else:
-        _words(ax)
+    draw_arm(ax, skeleton, array)
+    _words(ax)
     if title is not None:
         ax.set_title(title)
     return ax
-
-
-def arm_space(figure: Figure) -> Any:
-    """3D axes that cover a figure to its edges, for a bare :func:`arm_pose`.
-
-    3D axes draw in a square, so it is as wide as the longer side, and goes beyond the shorter one.
-    """
-    width, height = figure.get_size_inches()
-    side = max(width, height)
-    wide, high = side / width, side / height
-    place = ((1 - wide) / 2, (1 - high) / 2, wide, high)
-    return figure.add_axes(place, projection="3d")
-
-
-def arm_animation(
-    points: ArrayLike | Any, state: ArrayLike | Any, *, interval: int = 80, size: float = 3.2
-) -> FuncAnimation:
-    """Animate the arm; show it with :func:`cotlearn.plots.gif`.
-
-    Args:
-        points: (T, 10, 3), as in :func:`arm_pose`, at T times.
-        state: (columns,), as in :func:`arm_paths`.
-        interval: milliseconds a frame.
-        size: side of the picture in inches.
-
-    Raises:
-        ValueError: a shape does not fit, or a value is not finite.
-    """
-    array = as_array(points, "points")
-    if array.ndim != 3 or len(array) == 0:
-        raise ValueError(f"points must have shape (T, 10, 3) with T > 0, got {array.shape}")
-    figure = _figure((size, 0.8 * size))
-    ax = arm_space(figure)
-    arm_pose(array[0], state, ax=ax, bare=True)
-    tips = array[:, -1]
-    moving = ax.lines[-_LINES:]
-    trail = ax.plot(*tips[:1].T, color=ROD, linewidth=1.2, zorder=4)[0]
-
-    def draw(frame: int) -> list[Any]:
-        for line, piece in zip(moving, _pieces(array[frame]), strict=True):
-            line.set_data_3d(*piece.T)
-        trail.set_data_3d(*tips[: frame + 1].T)
-        return [*moving, trail]
-
-    animation = FuncAnimation(figure, draw, frames=len(array), interval=interval, blit=False)
-    plt.close(figure)
-    return animation
 
 
 def _looks(ways: NDArray[np.int64], labels: Sequence[str]) -> Iterable[tuple[int, dict[str, Any]]]:
@@ -215,49 +146,6 @@ def _looks(ways: NDArray[np.int64], labels: Sequence[str]) -> Iterable[tuple[int
             "label": name,
         }
         yield way, look
-
-
-_LINES = 5  #: lines that make up the arm
-
-
-def _pieces(skeleton: Array) -> list[Array]:
-    """Outline and shell of the arm, its joints, outline and body of the tool."""
-    arm, tool = skeleton[:-1], skeleton[-2:]
-    return [arm, arm, skeleton[[1, 3, 4, 5, 7]], tool, tool]
-
-
-def _draw_arm(ax: Any, skeleton: Array) -> None:
-    looks: list[dict[str, Any]] = [
-        {"color": JOINT, "linewidth": 11.0},
-        {"color": SHELL, "linewidth": 8.5},
-        {"color": JOINT, "linestyle": "none", "marker": "o", "markersize": 9},
-        {"color": JOINT, "linewidth": 4.0},
-        {"color": ROD, "linewidth": 2.4},
-    ]
-    for piece, look in zip(_pieces(skeleton), looks, strict=True):
-        ax.plot(*piece.T, solid_capstyle="round", solid_joinstyle="round", zorder=5, **look)
-
-
-def _pillar(ax: Any, post: Array, *, zorder: float | None = None) -> None:
-    """A cylinder with a round top, lit from where the camera is."""
-    x, y, radius, height = post
-    turn = np.linspace(0, 2 * np.pi, 25)
-    bow = np.linspace(0, np.pi / 2, 7)
-    rise = np.concatenate([[0.0], height - radius + radius * np.sin(bow)])
-    wide = np.concatenate([[radius], radius * np.cos(bow)])
-    shade = 0.85 + 0.15 * np.cos(turn + 1.4)
-    colour = np.broadcast_to(np.array(to_rgb(PILLAR)) * shade[:, None], (len(rise), 25, 3))
-    order = {} if zorder is None else {"zorder": zorder}
-    ax.plot_surface(
-        x + wide[:, None] * np.cos(turn),
-        y + wide[:, None] * np.sin(turn),
-        np.repeat(rise[:, None], len(turn), axis=1),
-        facecolors=colour,
-        shade=False,
-        linewidth=0,
-        antialiased=False,
-        **order,
-    )
 
 
 def _open_space(ax: Any) -> Any:
@@ -279,7 +167,7 @@ def _space(ax: Any, every: Array, title: str | None) -> None:
     low[2] = 0.0
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     ax.set_box_aspect(high - low)
-    ax.view_init(*_LOOK["left"])
+    ax.view_init(*VIEWS["front"])
     _words(ax)
     if title is not None:
         ax.set_title(title)

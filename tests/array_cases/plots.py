@@ -106,10 +106,5 @@ for _name, _draw, _arrays in (
         lambda episodes: plots.push_t_animation({"a": episodes}),
         {"episodes": SCENES},
     ),
-    (
-        "arm_animation",
-        plots.arm_animation,
-        {"points": arm.skeleton(JOINTS)[[0, 0]], "state": STARTS[0]},
-    ),
 ):
     add(f"plots.{_name}", _drawn(_draw), bare=tuple(_arrays), **_arrays)

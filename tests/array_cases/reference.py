@@ -41,6 +41,7 @@ WITHOUT = {
     "robots.task.Task": "a record of the package's own tasks",
     "robots.arm.kinematics.Chain": "a record of the arm",
     "robots.arm.model.scene": "called by ArmWorlds with states that it has checked",
+    "robots.arm.drawing.*": "called by the environment, and by plots with checked arrays",
     "robots.arm.rendering.Painter.paint": "called by the environment with states of its own",
     "robots.episodes.lerobot.pose_of": "called by the reader, which has checked the columns",
     "robots.experts.*": "demonstrators see states of their own simulation only",

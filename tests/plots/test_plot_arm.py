@@ -21,10 +21,6 @@ def paths(n=5, state=STATE):
     return line + 0.02 * np.arange(n)[:, None, None] * np.sin(np.pi * share)
 
 
-def joints(n=3):
-    return solve(STATE[:3] + np.linspace(0, 0.05, n)[:, None]).joints
-
-
 def test_paths_from_above_show_pillars_goal_and_ways():
     lines = paths()
     ax = plots.arm_paths(lines, STATE, modes=[0, 0, 2, -1, 1], labels=WAYS["ring"], title="ring")
@@ -68,22 +64,13 @@ def test_paths_in_space():
 
 
 def test_the_arm_stands_on_the_table_and_its_tip_is_where_it_is():
-    points = skeleton(joints(1))[0]
+    points = skeleton(solve(STATE[None, :3]).joints)[0]
     ax = plots.arm_pose(points, STATE, title="arm")
     assert np.allclose(points[0], 0)
     assert np.allclose(points[-1], STATE[:3], atol=1e-4)
     tool = np.array(ax.lines[-1].get_data_3d()).T
     assert np.allclose(tool, points[-2:])
     ax.figure.canvas.draw()
-
-
-def test_the_animation_is_small_and_moves():
-    points = skeleton(joints())
-    animation = plots.arm_animation(points, STATE)
-    *_, tool, trail = animation._func(2)
-    assert np.allclose(np.array(tool.get_data_3d())[:, 1], points[-1, -1])
-    assert len(trail.get_data_3d()[0]) == 3
-    assert len(plots.gif_bytes(animation)) < 60_000
 
 
 def test_a_film_of_pictures():
@@ -108,7 +95,6 @@ BAD_CALLS = {
     r"modes must have shape \(5,\)": lambda: plots.arm_paths(paths(), STATE, modes=[0]),
     "state must be finite of shape": lambda: plots.arm_paths(paths(), STATE[:8]),
     r"points must be finite of shape \(10, 3\)": lambda: plots.arm_pose(np.zeros((9, 3)), STATE),
-    r"points must have shape \(T, 10, 3\)": lambda: plots.arm_animation(np.zeros((10, 3)), STATE),
 }
 
 

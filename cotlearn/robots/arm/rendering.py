@@ -132,13 +132,15 @@ class Painter:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        from cotlearn.plots.arm import arm_pose, arm_space
+        from cotlearn.robots.arm.drawing import arm_space, draw_arm
 
         width, height = self._size
         figure = Figure(figsize=(width / 100, height / 100), dpi=100)
         canvas = FigureCanvasAgg(figure)
         above = self._camera == "above"
-        arm_pose(points, state, ax=arm_space(figure), bare=True, above=above)
+        ax = arm_space(figure)
+        draw_arm(ax, points, state, view=self._camera, zoom=0.85 if above else 1.05)
+        ax.set_axis_off()
         canvas.draw()
         return np.array(canvas.buffer_rgba())[..., :3].copy()
 

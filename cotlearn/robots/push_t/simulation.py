@@ -11,7 +11,6 @@ import math
 from typing import Any
 
 import numpy as np
-import pymunk
 from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.robots.push_t import task
@@ -62,6 +61,8 @@ class Simulation:
                 f"state must be 5 finite numbers (agent x, y, T x, y, angle), got {state!r}"
             )
         agent_x, agent_y, x, y, angle = values.tolist()
+        import pymunk  # late: who wants the numbers of the task needs no physics
+
         self._space = pymunk.Space()
         self._space.damping = 0.0
         self._space.add(*_walls(self._space.static_body))
@@ -181,7 +182,9 @@ def checked(action: NDArray[Any], name: str = "action") -> Array:
     return action
 
 
-def _walls(static: pymunk.Body) -> list[pymunk.Segment]:
+def _walls(static: Any) -> list[Any]:
+    import pymunk
+
     low, high = task.WALLS
     left, right = ((low, high), (low, low)), ((high, low), (high, high))
     top, bottom = ((low, low), (high, low)), ((low, high), (high, high))
@@ -189,7 +192,10 @@ def _walls(static: pymunk.Body) -> list[pymunk.Segment]:
     return [pymunk.Segment(static, *ends, task.WALL_RADIUS) for ends in (left, top, right, bottom)]
 
 
-def _tee() -> tuple[pymunk.Body, list[pymunk.Poly]]:
+def _tee() -> tuple[Any, list[Any]]:
+    """The body of the T and its two shapes."""
+    import pymunk
+
     bar, stem = (
         [(x0, y0), (x1, y0), (x1, y1), (x0, y1)] for x0, x1, y0, y1 in (task.BAR, task.STEM)
     )

@@ -1,0 +1,90 @@
+"""The arm among its pillars as lines and surfaces of matplotlib, for where there is no OpenGL."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from cotlearn.robots.arm.task import GOAL, pillars
+from cotlearn.robots.task import Array
+
+PILLAR, GOAL_MARK = "#E07B39", "#2CA05A"
+SHELL, JOINT, ROD = "#F2F2F4", "#3D4552", "#1F6FB2"
+TABLE, EDGE = "#EFE8DC", "#B9AE9C"
+VIEWS = {"front": (26.0, -58.0), "above": (89.9, -180.0)}  #: elevation and azimuth, degrees
+
+
+def arm_space(figure: Figure) -> Any:
+    """3D axes that cover a figure to its edges.
+
+    3D axes draw in a square, so it is as wide as the longer side, and goes beyond the shorter one.
+    """
+    width, height = figure.get_size_inches()
+    side = max(width, height)
+    wide, high = side / width, side / height
+    place = ((1 - wide) / 2, (1 - high) / 2, wide, high)
+    return figure.add_axes(place, projection="3d")
+
+
+def draw_arm(ax: Any, points: Array, state: Array, *, view: str = "front", zoom: float = 1) -> None:
+    """Draws the arm as lines between its joints, the table, the pillars and the goal.
+
+    Args:
+        ax: 3D axes.
+        points: (10, 3), base, seven joints, flange and tip, as `skeleton` finds them.
+        state: (columns,), see `task.columns`.
+        view: a key of `VIEWS`.
+        zoom: how large; 1 leaves room for the words of the axes.
+    """
+    corners = np.array([[-0.13, -0.48], [0.88, -0.48], [0.88, 0.48], [-0.13, 0.48]])
+    table = np.column_stack([corners, np.zeros(4)])
+    ax.add_collection3d(Poly3DCollection([table], facecolor=TABLE, edgecolor=EDGE, zorder=0))
+    ax.computed_zorder = False  # the table lies under all, and the arm hides what is behind it
+    for pillar in pillars(state):
+        draw_pillar(ax, pillar, zorder=2)
+    ax.scatter(*state[GOAL], s=26, color=GOAL_MARK, zorder=3, depthshade=False)
+    arm, joints, tool = points[:-1], points[[1, 3, 4, 5, 7]], points[-2:]
+    for line, color, width in ((arm, JOINT, 11.0), (arm, SHELL, 8.5)):
+        _line(ax, line, color=color, linewidth=width)
+    _line(ax, joints, color=JOINT, linestyle="none", marker="o", markersize=9)
+    for line, color, width in ((tool, JOINT, 4.0), (tool, ROD, 2.4)):
+        _line(ax, line, color=color, linewidth=width)
+    ax.set(xlim=(-0.1, 0.85), ylim=(-0.45, 0.45), zlim=(0.0, 0.8))
+    ax.set_box_aspect((0.95, 0.9, 0.8), zoom=zoom)
+    ax.view_init(*VIEWS[view])
+
+
+def _line(ax: Any, points: Array, **look: Any) -> None:
+    ax.plot(*points.T, solid_capstyle="round", solid_joinstyle="round", zorder=5, **look)
+
+
+def draw_pillar(ax: Any, pillar: Array, *, zorder: float | None = None) -> None:
+    """Draws a cylinder with a round top, lit from where the camera is.
+
+    Args:
+        ax: 3D axes.
+        pillar: x, y, radius and height.
+        zorder: of the surface, if `ax` does not compute it.
+    """
+    x, y, radius, height = pillar
+    turn = np.linspace(0, 2 * np.pi, 25)
+    bow = np.linspace(0, np.pi / 2, 7)
+    rise = np.concatenate([[0.0], height - radius + radius * np.sin(bow)])
+    wide = np.concatenate([[radius], radius * np.cos(bow)])
+    shade = 0.85 + 0.15 * np.cos(turn + 1.4)
+    colour = np.broadcast_to(np.array(to_rgb(PILLAR)) * shade[:, None], (len(rise), 25, 3))
+    order = {} if zorder is None else {"zorder": zorder}
+    ax.plot_surface(
+        x + wide[:, None] * np.cos(turn),
+        y + wide[:, None] * np.sin(turn),
+        np.repeat(rise[:, None], len(turn), axis=1),
+        facecolors=colour,
+        shade=False,
+        linewidth=0,
+        antialiased=False,
+        **order,
+    )
