@@ -5,20 +5,18 @@ from __future__ import annotations
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.datasets import Dataset
-from cotlearn.robots.episodes.checked import need
+from cotlearn.robots.episodes.lerobot import ACTION, AGENT, BLOCK, read_frames
+from cotlearn.robots.episodes.replay import read_buffer
 from cotlearn.validation import check_count
 
 MOST_LABELS = 64  #: distinct values of a vector of labels
-STATES = ("observation.state", "observation.environment_state")  #: of LeRobot
 EXPECTED = "an .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr"
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -60,12 +58,14 @@ def read_data(path: str | Path, *, observe: int = 2, predict: int = 16) -> Rows:
     if path.suffix == ".npz":
         return _read_npz(path)
     if ".zarr" in path.suffixes:
-        arrays = _read_zarr(path)
+        state, action, ends = read_buffer(path, ("data/state", "data/obs"))
     elif any(path.glob("data/**/*.parquet")):
-        arrays = _read_lerobot(path)
+        columns, ends = read_frames(path)
+        state = np.hstack([columns[name] for name in (AGENT, BLOCK) if name in columns])
+        action = columns[ACTION]
     else:
         raise ValueError(f"{path} is of no known layout: expected {EXPECTED}")
-    return from_episodes(*arrays, observe=observe, predict=predict, name=path.name)
+    return from_episodes(state, action, ends, observe=observe, predict=predict, name=path.name)
 
 
 def from_arrays(
@@ -188,57 +188,3 @@ def _read_npz(path: Path) -> Rows:
             ) from error
         raise
     return from_arrays(**arrays, name=path.name)
-
-
-def _read_zarr(path: Path) -> tuple[Array, Array, Array]:
-    zarr = need("zarr")
-    try:
-        if path.is_file():
-            with zarr.storage.ZipStore(path, mode="r") as store:
-                return _from_group(zarr.open_group(store, mode="r"), path)
-        return _from_group(zarr.open_group(path, mode="r"), path)
-    except (OSError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path} is damaged or not a zarr group: {error}") from error
-
-
-def _from_group(group: Any, path: Path) -> tuple[Array, Array, Array]:
-    state = next((key for key in ("data/state", "data/obs") if key in group), "data/state")
-    keys = (state, "data/action", "meta/episode_ends")
-    missing = [key for key in keys if key not in group]
-    if missing:
-        raise ValueError(f"{path} has no {', no '.join(missing)}: it is no replay buffer")
-    first, second, third = (np.asarray(group[key][:]) for key in keys)
-    return first, second, third
-
-
-def _read_lerobot(path: Path) -> tuple[Array, Array, Array]:
-    pyarrow, parquet = need("pyarrow"), need("pyarrow.parquet")
-    index = ["episode_index", "frame_index"]
-    parts: list[list[Array]] = []
-    for file in sorted(path.glob("data/**/*.parquet")):
-        try:
-            names = parquet.read_schema(file).names
-            states = [key for key in STATES if key in names]
-            missing = [key for key in ("action", *index) if key not in names]
-            if missing or not states:
-                missing += [] if states else [STATES[0]]
-                raise ValueError(f"{file} has no column {', '.join(missing)}; it has {names}")
-            table = parquet.read_table(file, columns=[*states, "action", *index])
-        except (pyarrow.ArrowInvalid, OSError) as error:
-            raise ValueError(f"{file} is damaged or not a parquet file: {error}") from error
-        state = np.hstack([_column(table, key, file) for key in states])
-        parts.append([state, _column(table, "action", file)])
-        parts[-1] += [table[key].to_numpy() for key in index]
-    state, action, episode, frame = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.lexsort((frame, episode))
-    ends = np.append(np.flatnonzero(np.diff(episode[order])) + 1, len(episode))
-    return state[order], action[order], ends
-
-
-def _column(table: Any, name: str, file: Path) -> Array:
-    try:
-        values = np.array(table[name].to_pylist(), dtype=np.float64)
-    except (TypeError, ValueError):
-        words = "must have the same number of values in each frame"
-        raise ValueError(f"{file}: {name} {words}") from None
-    return values.reshape(len(values), -1)

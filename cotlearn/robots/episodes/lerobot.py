@@ -39,31 +39,53 @@ def read_lerobot(path: str | Path) -> Episodes:
         ValueError: a file is damaged, or a column is missing or does not fit.
     """
     path = Path(path)
+    columns, ends = read_frames(path)
+    for name, width in ((AGENT, 2), (BLOCK, 2 * len(KEYPOINTS)), (ACTION, 2)):
+        if name not in columns:
+            raise ValueError(f"{path} has no column {name}; the pose of the T is needed")
+        if columns[name].shape[1] != width:
+            raise ValueError(
+                f"{path}: {name} must have {width} numbers a frame, got {columns[name].shape[1:]}"
+            )
+    pose, miss = pose_of(columns[BLOCK].reshape(-1, len(KEYPOINTS), 2))
+    if not (miss <= RIGID).all():
+        row = int(np.flatnonzero(~(miss <= RIGID))[0])
+        episode = columns[EPISODE][row].item()
+        raise ValueError(
+            f"{path}: the key points of frame {columns[FRAME][row]} of episode {episode} are no T "
+            f"of this size: they miss it by {miss[row]:.3g} pixels"
+        )
+    return Episodes(np.hstack([columns[AGENT], pose]), columns[ACTION], ends, name=path.name)
+
+
+def read_frames(path: Path) -> tuple[dict[str, Array], NDArray[np.int64]]:
+    """Reads states and actions of any LeRobot data set.
+
+    Returns:
+        Columns of the frames, by episode and frame: action, episode_index, frame_index, and what
+        there is of observation.state and observation.environment_state. And (E,), where each
+        episode ends, exclusive.
+    """
     files = sorted(path.glob("data/**/*.parquet"))
     if not files:
         raise ValueError(f"{path} holds no data/**/*.parquet: it is no LeRobot data set")
     parts = [_read_table(file) for file in files]
+    if any(part.keys() != parts[0].keys() for part in parts):
+        raise ValueError(f"{path}: the files under data/ have different columns")
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     order = np.lexsort((columns[FRAME], columns[EPISODE]))
     columns = {name: values[order] for name, values in columns.items()}
     episode = columns[EPISODE]
     ends = np.append(np.flatnonzero(np.diff(episode)) + 1, len(episode))
-    starts = np.concatenate([[0], ends[:-1]])
-    frames = np.arange(len(episode)) - np.repeat(starts, ends - starts)
+    lengths = np.diff(ends, prepend=0)
+    frames = np.arange(len(episode)) - np.repeat(ends - lengths, lengths)
     if (wrong := columns[FRAME] != frames).any():
         row = int(np.flatnonzero(wrong)[0])
         raise ValueError(
             f"{path}: frames of episode {episode[row]} are missing or double: frame "
             f"{columns[FRAME][row]} follows where {frames[row]} should"
         )
-    pose, miss = pose_of(columns[BLOCK].reshape(-1, len(KEYPOINTS), 2))
-    if not (miss <= RIGID).all():
-        row = int(np.flatnonzero(~(miss <= RIGID))[0])
-        raise ValueError(
-            f"{path}: the key points of frame {frames[row]} of episode {episode[row]} are no T of "
-            f"this size: they miss it by {miss[row]:.3g} pixels"
-        )
-    return Episodes(np.hstack([columns[AGENT], pose]), columns[ACTION], ends, name=path.name)
+    return columns, ends
 
 
 def pose_of(points: Array) -> tuple[Array, Array]:
@@ -182,26 +204,25 @@ def _statistics(values: NDArray[Any]) -> dict[str, Any]:
     return {**each, "count": [len(numbers)]}
 
 
-def _read_table(file: Path) -> dict[str, NDArray[Any]]:
+def _read_table(file: Path) -> dict[str, Array]:
     pyarrow, parquet = need("pyarrow"), need("pyarrow.parquet")
-    wanted = {AGENT: 2, BLOCK: 2 * len(KEYPOINTS), ACTION: 2, EPISODE: 0, FRAME: 0}
     try:
         names = parquet.read_schema(file).names
+        states = [name for name in (AGENT, BLOCK) if name in names]
+        wanted = [*(states or [AGENT]), ACTION, EPISODE, FRAME]
         missing = [name for name in wanted if name not in names]
         if missing:
-            hint = "; the pose of the T is needed" if BLOCK in missing else ""
-            raise ValueError(f"{file} has no column {', '.join(missing)}{hint}; it has {names}")
-        table = parquet.read_table(file, columns=list(wanted))
+            raise ValueError(f"{file} has no column {', '.join(missing)}; it has {names}")
+        table = parquet.read_table(file, columns=wanted)
     except (pyarrow.ArrowInvalid, OSError) as error:
         raise ValueError(f"{file} is damaged or not a parquet file: {error}") from error
-    columns = {}
-    for name, width in wanted.items():
-        values = np.array(table[name].to_pylist() if width else table[name].to_numpy())
-        if width and values.shape != (table.num_rows, width) and table.num_rows:
-            raise ValueError(
-                f"{file}: {name} must have {width} numbers a frame, got {values.shape[1:]}"
-            )
-        columns[name] = values
+    columns = {name: table[name].to_numpy() for name in (EPISODE, FRAME)}
+    for name in (*states, ACTION):
+        try:
+            values = np.array(table[name].to_pylist(), dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ValueError(f"{file}: {name} must have as many numbers in each frame") from None
+        columns[name] = values.reshape(len(values), -1)
     return columns
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,27 +26,26 @@ def read_replay_buffer(path: str | Path) -> Episodes:
         ValueError: the file is damaged, or something is missing.
     """
     path = Path(path)
+    return Episodes(*read_buffer(path), name=path.name)
+
+
+def read_buffer(path: Path, states: Sequence[str] = ("data/state",)) -> tuple[Any, Any, Any]:
+    """States, actions and ends of any replay buffer; the states under the first name found."""
     zarr = need("zarr")
     if path.is_file() and not zipfile.is_zipfile(path):
         raise ValueError(f"{path} is damaged: it is neither a folder nor a whole zip file")
+    storage = zarr.storage.ZipStore if path.is_file() else zarr.storage.LocalStore
     try:
-        if path.is_file():
-            with zarr.storage.ZipStore(path, mode="r") as store:
-                arrays = _arrays(zarr.open_group(store, mode="r"), path)
-        else:
-            arrays = _arrays(zarr.open_group(path, mode="r"), path)
+        with storage(path, read_only=True) as store:
+            group = zarr.open_group(store, mode="r")
+            state = next((name for name in states if name in group), states[0])
+            names = (state, "data/action", "meta/episode_ends")
+            missing = [name for name in names if name not in group]
+            if missing:
+                raise ValueError(f"{path} has no {', no '.join(missing)}: it is no replay buffer")
+            first, second, third = (np.asarray(group[name][:]) for name in names)
+            return first, second, third
     except FileNotFoundError as error:
         raise ValueError(f"{path} is not a zarr group: {error}") from error
-    except (OSError, RuntimeError, NotImplementedError) as error:  # zip, blosc
+    except (OSError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} is damaged: {type(error).__name__}: {error}") from error
-    return Episodes(
-        arrays["data/state"], arrays["data/action"], arrays["meta/episode_ends"], name=path.name
-    )
-
-
-def _arrays(group: Any, path: Path) -> dict[str, Any]:
-    names = ("data/state", "data/action", "meta/episode_ends")
-    for name in names:
-        if name not in group:
-            raise ValueError(f"{path} has no {name}: it is no replay buffer of Push-T with states")
-    return {name: np.asarray(group[name][:]) for name in names}
