@@ -36,7 +36,7 @@ def test_a_notebook_that_runs(write, tmp_path, monkeypatch):
     )
     before = path.read_bytes()
     seen = []
-    run = execution.execute(path, progress=lambda done, total, seconds: seen.append((done, total)))
+    run = execution.execute(path, progress=lambda *seen_so_far: seen.append(seen_so_far))
     assert run.failure is None
     assert run.claims == 1
     assert seen == [(1, 3), (2, 3), (3, 3)]

@@ -159,7 +159,7 @@ def _run_with_progress(path: Path, timeout: int) -> Run:
         return execution.execute(
             path,
             timeout=timeout,
-            progress=lambda done, total, seconds: bar.update(task, completed=done, total=total),
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
 
 
