@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,9 +18,7 @@ from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernel
 
 from cotlearn.claims import count_claims
 from cotlearn.files import write_text
-
-#: Called after each code cell with (code cells done, code cells in all).
-Progress = Callable[[int, int], None]
+from cotlearn.progress import progress_bar
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ class Run:
     failure: Failure | None
 
 
-def execute(path: Path, *, timeout: int = 300, progress: Progress | None = None) -> Run:
+def execute(path: Path, *, timeout: int = 300) -> Run:
     """Executes a notebook from top to bottom in a fresh kernel.
 
     The kernel is the Python that runs this function, whatever kernels are registered on the
@@ -55,7 +52,6 @@ def execute(path: Path, *, timeout: int = 300, progress: Progress | None = None)
     Args:
         path: The notebook; it is read, not changed.
         timeout: Most seconds for one cell; at least 1.
-        progress: Called after each code cell.
 
     Returns:
         The executed notebook, the time it took, the claims that held and the failure, if any.
@@ -68,18 +64,13 @@ def execute(path: Path, *, timeout: int = 300, progress: Progress | None = None)
     notebook = read(path)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     start = time.perf_counter()
-    current = done = 0
+    current = 0
 
     def on_start(cell: nbformat.NotebookNode, cell_index: int) -> None:
         nonlocal current
         current = cell_index
 
-    def on_end(cell: nbformat.NotebookNode, cell_index: int, execute_reply: object) -> None:
-        nonlocal done
-        done += 1
-        if progress is not None:
-            progress(done, len(code))
-
+    bar = progress_bar(total=len(code), what=path.stem)
     client = NotebookClient(
         notebook,
         km=_kernel_manager(),
@@ -88,13 +79,13 @@ def execute(path: Path, *, timeout: int = 300, progress: Progress | None = None)
         store_widget_state=False,
         resources={"metadata": {"path": str(path.resolve().parent)}},
         on_cell_execute=on_start,
-        on_cell_executed=on_end,
+        on_cell_executed=lambda **done: bar.update(),
     )
     environment = {"OMP_NUM_THREADS": "1", **os.environ, "COTLEARN_PROGRESS": "0"}
     environment["PYDEVD_DISABLE_FILE_VALIDATION"] = "1"
     error = ""
     try:
-        if code:
+        with bar:
             client.execute(cleanup_kc=True, env=environment)  # always ends the kernel
     except CellExecutionError as raised:
         error = _outputs(notebook.cells[current], "error") or str(raised)
