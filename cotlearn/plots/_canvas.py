@@ -1,4 +1,4 @@
-"""Open a figure, and finish it: panels, axis words, titles and legends."""
+"""Open a figure, and finish it: panels, axes, legends."""
 
 from __future__ import annotations
 
@@ -11,11 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from cotlearn.plots.style import COLORS
-
 PANEL_SIZE = 2.9
-PLANE = (PANEL_SIZE + 0.4, PANEL_SIZE + 0.3)
-PLANE_WITH_LEGEND = (PANEL_SIZE + 1.3, PANEL_SIZE + 0.3)
 CHART = (5.2, 3.4)
 
 
@@ -32,13 +28,8 @@ def panels(
 
     Returns:
         The figure and a flat array of ``n`` Axes.
-
-    Raises:
-        ValueError: ``n`` or ``columns`` is below 1.
     """
-    columns = n if columns is None else columns
-    if n < 1 or columns < 1:
-        raise ValueError(f"n and columns must be at least 1, got n={n}, columns={columns}")
+    columns = columns or n
     rows = -(-n // columns)
     figure, grid = plt.subplots(
         rows,
@@ -54,22 +45,19 @@ def panels(
     return figure, grid.ravel()[:n]
 
 
-def open_axes(ax: Axes | None, figsize: tuple[float, float]) -> Axes:
+def open_axes(ax: Axes | None, figsize: tuple[float, float] = CHART) -> Axes:
     """The Axes that were given, or those of a new figure of this size in inches."""
-    if ax is not None:
-        return ax
-    _, fresh = plt.subplots(figsize=figsize, layout="constrained")
-    return fresh
+    return ax or plt.subplots(figsize=figsize, layout="constrained")[1]
 
 
 def open_plane(ax: Axes | None, *, legend: bool = False) -> Axes:
     """The Axes that were given, or a new square panel, with room beside it for a legend."""
-    return open_axes(ax, PLANE_WITH_LEGEND if legend else PLANE)
+    return open_axes(ax, (PANEL_SIZE + (1.3 if legend else 0.4), PANEL_SIZE + 0.3))
 
 
-def finish_plane(ax: Axes, title: str | None, limit: float | None) -> Axes:
+def finish_plane(ax: Axes, title: str, limit: float | None) -> Axes:
     """Name the coordinates, and make both axes equal: from -limit to limit, or fitted."""
-    finish(ax, xlabel="first coordinate", ylabel="second coordinate", title=title)
+    ax.set(xlabel="first coordinate", ylabel="second coordinate", title=title)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     if len(ax.get_shared_y_axes().get_siblings(ax)) > 1:
@@ -80,28 +68,9 @@ def finish_plane(ax: Axes, title: str | None, limit: float | None) -> Axes:
     return ax
 
 
-def finish(
-    ax: Axes,
-    *,
-    xlabel: str,
-    ylabel: str | None = None,
-    title: str | None = None,
-    legend: bool = False,
-) -> Axes:
-    """Write the words on the axes, and a title and a legend where they are wanted."""
-    ax.set_xlabel(xlabel)
-    if ylabel is not None:
-        ax.set_ylabel(ylabel)
-    if title is not None:
-        ax.set_title(title)
-    if legend:
-        ax.legend()
-    return ax
-
-
-def legend_beside(ax: Axes) -> None:
-    """A legend of classes to the right of a plane."""
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handletextpad=0.2, markerscale=1.8)
+def legend_beside(ax: Axes, **look: Any) -> None:
+    """A legend to the right of the panel."""
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), **look)
 
 
 def plain_logarithms(axis: Axis) -> None:
@@ -112,9 +81,3 @@ def plain_logarithms(axis: Axis) -> None:
     if low >= 1e-3 and high < 2e4:
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_formatter(NullFormatter())
-
-
-def floor_line(ax: Axes, at: float, label: str, *, vertical: bool = False) -> None:
-    """A dotted black line at the smallest value that can be expected."""
-    draw = ax.axvline if vertical else ax.axhline
-    draw(at, color=COLORS["truth"], linestyle=":", linewidth=1.3, label=label)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,24 +13,17 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from cotlearn.plots._arrays import as_classes, as_path
+from cotlearn.plots._arrays import as_array, read_condition
 from cotlearn.plots._canvas import finish_plane, panels
-from cotlearn.plots.style import COLORS, condition_colors, label_of
+from cotlearn.plots.style import condition_colors, label_of
 
 
 def animate(
-    paths: Mapping[str, ArrayLike | Any],
-    c: ArrayLike | Any = None,
-    *,
-    limit: float,
-    titles: Mapping[str, str] | None = None,
-    size: float = 6.0,
-    panel: float = 2.5,
-    hold: int = 6,
-    interval: int = 110,
+    paths: Mapping[str, ArrayLike | Any], c: ArrayLike | Any = None, *, limit: float
 ) -> FuncAnimation:
     """Animate samples of several methods side by side, all starting from the same noise.
 
@@ -40,39 +33,28 @@ def animate(
         paths: name -> (times, n, 2); the same number of times and samples for each.
         c: the condition of each sample, as in :func:`scatter`.
         limit: all axes run from -limit to limit.
-        titles: words above the panels where they differ from ``LABELS``.
-        size: marker area in points squared.
-        panel: side of a panel in inches.
-        hold: the last frame is shown this many times more.
-        interval: milliseconds a frame.
-
-    Raises:
-        ValueError: no paths, or shapes that do not fit.
     """
-    arrays = {name: as_path(path, f"paths[{name!r}]") for name, path in paths.items()}
-    if not arrays:
-        raise ValueError("paths is empty, expected at least one (times, n, 2)")
-    shapes = {array.shape for array in arrays.values()}
-    if len(shapes) > 1:
-        raise ValueError(f"paths have different shapes {sorted(shapes)}, expected one")
-    times, n = next(iter(shapes))[:2]
-    values, n_classes = as_classes(c, n)
-    colors = condition_colors(values, n_classes, plain=COLORS["independent"])
-    figure, axes = panels(len(arrays), size=panel, shared=True)
+    arrays = {name: as_array(path, "times", "n", 2) for name, path in paths.items()}
+    times, n, _ = next(iter(arrays.values())).shape
+    colors = condition_colors(*read_condition(c, n))
+    figure, axes = panels(len(arrays), size=2.5, shared=True)
     dots = []
     for ax, (name, array) in zip(axes, arrays.items(), strict=True):
-        dots.append(ax.scatter(*array[0].T, s=size, c=colors, alpha=0.8, linewidths=0))
-        finish_plane(ax, label_of(name, titles), limit)
+        dots.append(ax.scatter(*array[0].T, s=6, c=colors, alpha=0.8, linewidths=0))
+        finish_plane(ax, label_of(name), limit)
 
-    def draw(frame: int) -> list[Any]:
-        index = min(frame, times - 1)
+    def draw(frame: int) -> None:
         for dot, array in zip(dots, arrays.values(), strict=True):
-            dot.set_offsets(array[index])
-        return dots
+            dot.set_offsets(array[min(frame, times - 1)])
 
-    animation = FuncAnimation(figure, draw, frames=times + hold, interval=interval, blit=False)
-    plt.close(figure)  # the notebook shows the animation, not its first frame beside it
-    return animation
+    return animation(figure, draw, frames=times + 6)  # it stands still for six frames
+
+
+def animation(figure: Figure, draw: Callable[[int], None], *, frames: int) -> FuncAnimation:
+    """An animation of a figure, which is closed: a notebook would show its first frame as well."""
+    made = FuncAnimation(figure, draw, frames=frames, interval=100, blit=False)
+    plt.close(figure)
+    return made
 
 
 @dataclass(frozen=True)
@@ -91,53 +73,30 @@ def gif(animation: FuncAnimation, *, fps: int = 9, dpi: int = 72) -> Gif:
     """Render an animation as a GIF for display in a notebook.
 
     Args:
-        animation: from :func:`animate`.
+        animation: from :func:`animate` or :func:`push_t_animation`.
         fps: frames a second.
         dpi: dots an inch; 72 keeps three panels of 30 frames well below 1 MB.
 
     Returns:
         What a cell displays; the bytes are in ``.data``.
     """
-    return Gif(gif_bytes(animation, fps=fps, dpi=dpi))
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "animation.gif"
+        animation.save(target, writer=PillowWriter(fps=fps), dpi=dpi)
+        return Gif(target.read_bytes())
 
 
-def film(images: Sequence[NDArray[np.uint8]], *, fps: int = 10, colors: int = 64) -> Gif:
+def film(images: Sequence[NDArray[np.uint8]], *, fps: int = 10) -> Gif:
     """Make a GIF of rendered pictures for display in a notebook.
 
     Args:
         images: (height, width, 3) each, as `env.render()` gives them.
         fps: frames a second.
-        colors: in all; fewer make a smaller file.
-
-    Raises:
-        ValueError: no images, or arrays that are none.
     """
-    if np.ndim(images) == 0 or len(images) == 0 or any(not _is_picture(i) for i in images):
-        raise ValueError("images must be uint8 arrays of shape (height, width, 3), at least one")
-    pictures = [Image.fromarray(np.asarray(image)) for image in images]
     # by coverage of the colours, not of the area: the small goal stays green
     method, dither = Image.Quantize.MAXCOVERAGE, Image.Dither.NONE
-    frames = [picture.quantize(colors, method, dither=dither) for picture in pictures]
+    first, *others = (Image.fromarray(i).quantize(64, method, dither=dither) for i in images)
     with io.BytesIO() as target:
-        frames[0].save(
-            target,
-            format="GIF",
-            save_all=True,
-            append_images=frames[1:],
-            duration=round(1000 / fps),
-            loop=0,
-        )
+        loop: dict[str, Any] = {"save_all": True, "duration": round(1000 / fps), "loop": 0}
+        first.save(target, format="GIF", append_images=others, **loop)
         return Gif(target.getvalue())
-
-
-def _is_picture(image: Any) -> bool:
-    array = np.asarray(image)
-    return array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3 and array.size > 0
-
-
-def gif_bytes(animation: FuncAnimation, *, fps: int = 9, dpi: int = 72) -> bytes:
-    """The bytes of an animation as a GIF, drawn by Pillow."""
-    with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "animation.gif"
-        animation.save(target, writer=PillowWriter(fps=fps), dpi=dpi)
-        return target.read_bytes()

@@ -1,21 +1,30 @@
-"""Samples in the plane."""
+"""Points of the plane: samples, the pairs of a coupling, and the paths of a flow."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import ArrayLike
+from matplotlib.collections import LineCollection
+from matplotlib.patches import Circle
+from numpy.typing import ArrayLike, NDArray
 
-from cotlearn.plots._arrays import as_classes, as_points
-from cotlearn.plots._canvas import finish_plane, legend_beside, open_plane
+from cotlearn.plots._arrays import as_array, read_condition
+from cotlearn.plots._canvas import finish_plane, legend_beside, open_plane, panels
 from cotlearn.plots.style import (
     COLORS,
     CONDITION_MAP,
+    CONDITION_MARKERS,
+    PATH_COLOR,
     SOURCE_COLOR,
     condition_color,
-    condition_marker,
+    condition_colors,
 )
+
+_CLASSES = {"handletextpad": 0.2, "markerscale": 1.8}  #: the legend of classes
+_NOISE_LIMIT = 3.6
 
 
 def scatter(
@@ -24,10 +33,9 @@ def scatter(
     *,
     x0: ArrayLike | Any = None,
     ax: Axes | None = None,
-    title: str | None = None,
+    title: str = "",
     limit: float | None = None,
     size: float = 7.0,
-    condition_label: str = "condition $c$",
     legend: bool = False,
 ) -> Axes:
     """Scatter points coloured by their condition, with the noise in dark behind them.
@@ -40,32 +48,153 @@ def scatter(
         title: words above the panel.
         limit: both axes run from -limit to limit; fitted to the data by default.
         size: marker area in points squared.
-        condition_label: words beside the colour bar of a continuous condition.
         legend: name the classes (discrete c) or draw a colour bar (continuous c).
-
-    Raises:
-        ValueError: a shape does not fit.
     """
-    points = as_points(x, "x")
-    values, n_classes = as_classes(c, len(points))
-    source = None if x0 is None else as_points(x0, "x0")
+    points = as_array(x, "n", 2)
+    values, n_classes = read_condition(c, len(points))
     ax = open_plane(ax, legend=legend)
-    if source is not None:
-        look: dict[str, Any] = {"color": SOURCE_COLOR, "alpha": 0.45, "linewidths": 0}
-        ax.scatter(source[:, 0], source[:, 1], s=size * 0.6, label="noise", **look)
-    dots: dict[str, Any] = {"s": size, "alpha": 0.75, "linewidths": 0}
+    if x0 is not None:
+        across, up = as_array(x0, "m", 2).T
+        ax.scatter(across, up, s=size * 0.6, color=SOURCE_COLOR, alpha=0.45, lw=0, label="noise")
     across, up = points.T
+    dots: dict[str, Any] = {"s": size, "alpha": 0.75, "linewidths": 0}
     if values is None:
         ax.scatter(across, up, color=COLORS["independent"], **dots)
-    elif n_classes:
-        for k in range(n_classes):
-            rows = values == k
-            look = {"color": condition_color(k), "marker": condition_marker(k), "label": f"c = {k}"}
-            ax.scatter(across[rows], up[rows], **look, **dots)
-    else:
+    elif not n_classes:
         drawn = ax.scatter(across, up, c=values, cmap=CONDITION_MAP, **dots)
         if legend:
-            ax.figure.colorbar(drawn, ax=ax, label=condition_label, shrink=0.85)
+            ax.figure.colorbar(drawn, ax=ax, label="condition $c$", shrink=0.85)
+    for k in range(n_classes):
+        marker = CONDITION_MARKERS[k % len(CONDITION_MARKERS)]
+        dots |= {"color": condition_color(k), "marker": marker, "label": f"c = {k}"}
+        ax.scatter(*points[values == k].T, **dots)
     if legend and n_classes:
-        legend_beside(ax)
+        legend_beside(ax, **_CLASSES)
     return finish_plane(ax, title, limit)
+
+
+def pair_lines(
+    x0: ArrayLike | Any,
+    x1: ArrayLike | Any,
+    c: ArrayLike | Any = None,
+    *,
+    ax: Axes | None = None,
+    size: float = 14.0,
+    **options: Any,
+) -> Axes:
+    """Draw a coupling: a line from each source point to the data point it was paired with.
+
+    Args:
+        x0: (n, 2) source points.
+        x1: (n, 2) data points, row by row the partners of ``x0``.
+        c: conditions of the data, as in :func:`scatter`; the lines take their colours.
+        ax: where to draw; a new figure by default.
+        size: marker area in points squared.
+        options: more of :func:`scatter`: title, limit, legend.
+    """
+    start, end = as_array(x0, "n", 2), as_array(x1, "n", 2)
+    colors = condition_colors(*read_condition(c, len(end)), plain=PATH_COLOR)
+    ax = open_plane(ax)
+    lines = list(np.stack([start, end], axis=1))
+    ax.add_collection(LineCollection(lines, colors=colors, lw=0.7, alpha=0.5, zorder=0))
+    return scatter(end, c, x0=start, ax=ax, size=size, **options)
+
+
+def trajectories(
+    path: ArrayLike | Any,
+    c: ArrayLike | Any = None,
+    *,
+    ax: Axes | None = None,
+    size: float = 9.0,
+    **options: Any,
+) -> Axes:
+    """Draw the path of each sample, faint, from noise (dark) to its end (coloured by c).
+
+    Args:
+        path: (times, n, 2), as ``integrate(..., trajectory=True).trajectory``.
+        c: as in :func:`scatter`, one row a sample.
+        ax: where to draw; a new figure by default.
+        size: marker area in points squared.
+        options: more of :func:`scatter`: title, limit, legend.
+    """
+    points = as_array(path, "times", "n", 2)
+    ax = open_plane(ax)
+    lines = points.swapaxes(0, 1)
+    ax.add_collection(LineCollection(lines, colors=PATH_COLOR, lw=0.6, alpha=0.35, zorder=0))
+    return scatter(points[-1], c, x0=points[0], ax=ax, size=size, **options)
+
+
+def paired_source(
+    x0: ArrayLike | Any,
+    c: ArrayLike | Any,
+    *,
+    ax: Axes | None = None,
+    title: str = "",
+    legend: bool = False,
+) -> Axes:
+    """Show skew: source points coloured by the condition they were paired with.
+
+    Without skew the colours are mixed everywhere; with skew each condition owns a region of the
+    noise.
+
+    Args:
+        x0: (n, 2) source points.
+        c: the condition each of them was paired with, as in :func:`scatter`.
+        ax: where to draw; a new figure by default.
+        title: words above the panel.
+        legend: as in :func:`scatter`.
+    """
+    points = as_array(x0, "n", 2)
+    values, n_classes = read_condition(c, len(points))
+    order = np.random.default_rng(0).permutation(len(points))  # no class on top of another
+    points, values = points[order], None if values is None else values[order]
+    if not n_classes:
+        return scatter(points, values, ax=ax, title=title, limit=_NOISE_LIMIT, legend=legend)
+    ax = open_plane(ax, legend=legend)
+    colors = condition_colors(values, n_classes)
+    ax.scatter(points[:, 0], points[:, 1], c=colors, s=7, alpha=0.75, linewidths=0)
+    if legend:
+        for k in range(n_classes):
+            ax.scatter([], [], color=condition_color(k), s=7, label=f"c = {k}")
+        legend_beside(ax, **_CLASSES)
+    return finish_plane(ax, title, _NOISE_LIMIT)
+
+
+def source_given_condition(
+    x0: ArrayLike | Any,
+    c: ArrayLike | Any,
+    *,
+    labels: Sequence[str] | None = None,
+    title: str = "",
+) -> NDArray[Any]:
+    """Draw p(x0 | c) one panel a class: the paired noise in colour, all the other noise faint.
+
+    The thin circle has radius 2: a standard normal in the plane keeps 86 % of its samples inside.
+
+    Args:
+        x0: (n, 2) source points.
+        c: classes, one-hot (n, K) or integers (n,), that they were paired with.
+        labels: words for the classes.
+        title: words in front of the first panel's title.
+
+    Returns:
+        The array of Axes.
+
+    Raises:
+        ValueError: c is continuous.
+    """
+    points = as_array(x0, "n", 2)
+    values, n_classes = read_condition(c, len(points))
+    if not n_classes:
+        raise ValueError(
+            "c must be discrete: one-hot (n, K) or integers (n,); cut values into bins"
+        )
+    labels = labels or [f"c = {k}" for k in range(n_classes)]
+    _, axes = panels(n_classes, size=2.3, shared=True)
+    for k, (ax, words) in enumerate(zip(axes, labels, strict=True)):
+        rows = values == k
+        ax.scatter(*points[~rows].T, color="#d0d0d0", s=3.5, linewidths=0, alpha=0.6)
+        ax.scatter(*points[rows].T, color=condition_color(k), s=7, linewidths=0, alpha=0.85)
+        ax.add_patch(Circle((0, 0), 2.0, fill=False, color=SOURCE_COLOR, lw=0.8, alpha=0.7))
+        finish_plane(ax, f"{title}: {words}" if title and k == 0 else words, _NOISE_LIMIT)
+    return axes

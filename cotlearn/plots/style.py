@@ -1,8 +1,8 @@
-"""The look of the course: one colour, marker, line style and label for each method.
+"""The look of the course: one label, colour, marker and line style for each method.
 
 The source is dark, paths are faint, samples are coloured by their condition, and a coupling keeps
 its look in every figure, so that curves can also be told apart in grey. Coupling colours are those
-of Okabe and Ito (https://jfly.uni-koeln.de/color/), with two more from Paul Tol's palettes
+of Okabe and Ito (https://jfly.uni-koeln.de/color/), with some more from Paul Tol's palettes
 (https://sronpersonalpages.nl/~pault/), as are the colours of conditions.
 """
 
@@ -10,74 +10,40 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import Normalize, to_hex, to_rgb
 from numpy.typing import NDArray
 
-COLORS: dict[str, str] = {
-    "independent": "#0072B2",
-    "minibatch_ot": "#D55E00",
-    "conditional_ot": "#009E73",
-    "adaptive": "#CC79A7",
-    "stratified": "#56B4E9",
-    "residual": "#117733",
-    "centred": "#DDAA33",
-    "semidiscrete": "#E69F00",
-    "aligned": "#882255",
-    "reflow": "#999999",
-    "diffusion": "#332288",
-    "behaviour_cloning": "#997700",
-    "truth": "#000000",
+
+class Look(NamedTuple):
+    """How a method is drawn: its words in a legend, and its colour, marker and line style."""
+
+    label: str
+    color: str
+    marker: str
+    linestyle: Any
+
+
+LOOKS = {
+    "independent": Look("independent", "#0072B2", "o", "--"),
+    "minibatch_ot": Look("minibatch OT (naive)", "#D55E00", "s", "-."),
+    "conditional_ot": Look("conditional OT (COT)", "#009E73", "^", "-"),
+    "adaptive": Look("adaptive COT", "#CC79A7", "D", (0, (5, 1))),
+    "stratified": Look("stratified COT", "#56B4E9", "v", (0, (3, 1, 1, 1))),
+    "residual": Look("stratified COT, residuals", "#117733", "d", (0, (7, 1, 2, 1))),
+    "centred": Look("stratified COT, centred", "#DDAA33", "H", (0, (9, 1.5))),
+    "semidiscrete": Look("semidiscrete COT", "#E69F00", "P", (0, (1, 1))),
+    "aligned": Look("model-aligned", "#882255", "X", (0, (3, 1, 1, 1, 1, 1))),
+    "reflow": Look("reflow", "#999999", "*", (0, (5, 4))),
+    "diffusion": Look("diffusion", "#332288", "h", (0, (6, 1, 1, 1))),
+    "behaviour_cloning": Look("regression (BC)", "#997700", "p", (0, (4, 2))),
+    "truth": Look("truth", "#000000", ".", ":"),
 }
-MARKERS: dict[str, str] = {
-    "independent": "o",
-    "minibatch_ot": "s",
-    "conditional_ot": "^",
-    "adaptive": "D",
-    "stratified": "v",
-    "residual": "d",
-    "centred": "H",
-    "semidiscrete": "P",
-    "aligned": "X",
-    "reflow": "*",
-    "diffusion": "h",
-    "behaviour_cloning": "p",
-    "truth": ".",
-}
-LINESTYLES: dict[str, Any] = {
-    "independent": "--",
-    "minibatch_ot": "-.",
-    "conditional_ot": "-",
-    "adaptive": (0, (5, 1)),
-    "stratified": (0, (3, 1, 1, 1)),
-    "residual": (0, (7, 1, 2, 1)),
-    "centred": (0, (9, 1.5)),
-    "semidiscrete": (0, (1, 1)),
-    "aligned": (0, (3, 1, 1, 1, 1, 1)),
-    "reflow": (0, (5, 4)),
-    "diffusion": (0, (6, 1, 1, 1)),
-    "behaviour_cloning": (0, (4, 2)),
-    "truth": ":",
-}
-LABELS: dict[str, str] = {
-    "independent": "independent",
-    "minibatch_ot": "minibatch OT (naive)",
-    "conditional_ot": "conditional OT (COT)",
-    "adaptive": "adaptive COT",
-    "stratified": "stratified COT",
-    "residual": "stratified COT, residuals",
-    "centred": "stratified COT, centred",
-    "semidiscrete": "semidiscrete COT",
-    "aligned": "model-aligned",
-    "reflow": "reflow",
-    "diffusion": "diffusion",
-    "behaviour_cloning": "regression (BC)",
-    "truth": "truth",
-}
-CONDITION_COLORS: tuple[str, ...] = (
+COLORS = {name: look.color for name, look in LOOKS.items()}
+CONDITION_COLORS = (
     "#4477AA",
     "#EE6677",
     "#228833",
@@ -89,16 +55,17 @@ CONDITION_COLORS: tuple[str, ...] = (
     "#332288",
     "#117733",
 )
-CONDITION_MARKERS: tuple[str, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
+CONDITION_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
 CONDITION_MAP = "viridis"
 SOURCE_COLOR = "#222222"
 PATH_COLOR = "#8c8c8c"
+FLOOR: dict[str, Any] = {"color": COLORS["truth"], "linestyle": ":", "linewidth": 1.3}
 
-# Names that are in none of the tables above take the next free look, and keep it.
-SPARE_COLORS: tuple[str, ...] = ("#444444", "#6699CC", "#999933", "#AA4499", "#661100", "#44AA99")
-SPARE_MARKERS: tuple[str, ...] = ("<", ">", "8", "H", "1", "2", "3")
+# Names that are not in the table take the next free look, and keep it.
+SPARE_COLORS = ("#444444", "#6699CC", "#999933", "#AA4499", "#661100", "#44AA99")
+SPARE_MARKERS = ("<", ">", "8", "H", "1", "2", "3")
 SPARE_LINESTYLES: tuple[Any, ...] = ("-", (0, (7, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)), (0, (1, 3)))
-_SPARE_LOOKS: dict[str, int] = {}
+_SPARE: dict[str, int] = {}
 
 _STYLE_FILE = Path(__file__).parent.with_name("course.mplstyle")
 
@@ -114,19 +81,21 @@ def style_of(name: str) -> dict[str, Any]:
     A name that the course does not know, say that of a reader's own coupling, takes the next of
     210 spare looks when it is first drawn, and keeps it for the rest of the session.
     """
-    if name in COLORS:
-        return {"color": COLORS[name], "marker": MARKERS[name], "linestyle": LINESTYLES[name]}
-    k = _SPARE_LOOKS.setdefault(name, len(_SPARE_LOOKS))
-    return {
-        "color": SPARE_COLORS[k % len(SPARE_COLORS)],
-        "marker": SPARE_MARKERS[k % len(SPARE_MARKERS)],
-        "linestyle": SPARE_LINESTYLES[k % len(SPARE_LINESTYLES)],
-    }
+    if name in LOOKS:
+        _, color, marker, linestyle = LOOKS[name]
+    else:
+        k = _SPARE.setdefault(name, len(_SPARE))
+        color = SPARE_COLORS[k % len(SPARE_COLORS)]
+        marker = SPARE_MARKERS[k % len(SPARE_MARKERS)]
+        linestyle = SPARE_LINESTYLES[k % len(SPARE_LINESTYLES)]
+    return {"color": color, "marker": marker, "linestyle": linestyle}
 
 
 def label_of(name: str, labels: Mapping[str, str] | None = None) -> str:
     """The words for a coupling in a legend: those of ``labels``, the course's, or its name."""
-    return (labels or {}).get(name, LABELS.get(name, name))
+    if labels and name in labels:
+        return labels[name]
+    return LOOKS[name].label if name in LOOKS else name
 
 
 def readable(color: str) -> str:
@@ -144,20 +113,15 @@ def condition_color(k: int) -> str:
     return CONDITION_COLORS[k % len(CONDITION_COLORS)]
 
 
-def condition_marker(k: int) -> str:
-    """The marker of class ``k``; the ten markers repeat."""
-    return CONDITION_MARKERS[k % len(CONDITION_MARKERS)]
-
-
-def condition_colors(values: NDArray[Any] | None, n_classes: int, *, plain: str) -> Any:
-    """One colour a row for what ``as_classes`` read, or ``plain`` where there is no condition.
+def condition_colors(
+    values: NDArray[Any] | None, n_classes: int, *, plain: str = COLORS["independent"]
+) -> Any:
+    """One colour a row for what ``read_condition`` found, or ``plain`` without a condition.
 
     Values that are not classes are spread over the colour map from the smallest to the largest.
     """
     if values is None:
         return plain
     if n_classes:
-        return [condition_color(int(k)) for k in values]
-    low = values.min(initial=np.inf)
-    span = max(values.max(initial=-np.inf) - low, 1e-12)
-    return plt.get_cmap(CONDITION_MAP)((values - low) / span)
+        return [condition_color(k) for k in values]
+    return plt.get_cmap(CONDITION_MAP)(Normalize()(values))

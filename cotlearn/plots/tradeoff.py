@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from cotlearn.plots._arrays import refuse_unknown
-from cotlearn.plots._canvas import finish, open_axes
+from cotlearn.plots._canvas import open_axes
 from cotlearn.plots._placement import place_labels
 from cotlearn.plots.style import COLORS, PATH_COLOR, style_of
 
@@ -21,8 +20,7 @@ def frontier(
     labels: Mapping[str, str] | None = None,
     curve: Sequence[str] = (),
     ax: Axes | None = None,
-    title: str | None = None,
-    log: bool = False,
+    title: str = "",
 ) -> Axes:
     """Draw couplings between skew (across) and one-step variance (up); the origin is best.
 
@@ -36,56 +34,34 @@ def frontier(
         curve: names that a line joins in this order: a sweep of weights.
         ax: where to draw; a new figure by default. Its size and limits should be set before.
         title: words above the panel.
-        log: whether the one-step variance has a logarithmic axis.
-
-    Raises:
-        ValueError: no points, values that are not finite, or unknown names in errors,
-            labels or curve.
     """
     shown = list(points)
     names = [point.name for point in shown]
-    if not shown:
-        raise ValueError("points is empty, expected at least one coupling")
-    for what, given in (("errors", errors), ("labels", labels), ("curve", curve)):
-        refuse_unknown(given, what, names)
-    x = np.array([_interval_of(point, "skew") for point in shown])
-    y = np.array([_interval_of(point, "one_step_variance") for point in shown])
-    if log and (y <= 0).any():
-        raise ValueError("one_step_variance must be positive on a logarithmic axis")
+    x = np.array([_low_value_high(p.skew, p.skew_interval) for p in shown])
+    y = np.array(
+        [_low_value_high(p.one_step_variance, p.one_step_variance_interval) for p in shown]
+    )
     ax = open_axes(ax, (6.4, 4.2))
     joined = [names.index(name) for name in curve]
     ax.plot(x[joined, 1], y[joined, 1], color=COLORS["conditional_ot"], lw=1.0, alpha=0.5, zorder=1)
-    for point, (left, at, right), (low, height, high) in zip(shown, x, y, strict=True):
-        ax.errorbar(
-            at,
-            height,
-            xerr=[[at - left], [right - at]],
-            yerr=[[height - low], [high - height]],
-            elinewidth=1.1,
-            zorder=3,
-            **{**style_of(point.coupling), "linestyle": "none"},
-        )
-    if log:
-        ax.set_yscale("log")
-    elif ax.get_autoscaley_on():
+    looks = [{**style_of(point.coupling), "linestyle": "none"} for point in shown]
+    for look, across, up in zip(looks, x, y, strict=True):
+        bars = {"xerr": np.diff(across)[:, None], "yerr": np.diff(up)[:, None]}
+        ax.errorbar(across[1], up[1], **bars, elinewidth=1.1, zorder=3, **look)
+    if ax.get_autoscaley_on():
         ax.set_ylim(bottom=0)
     ax.axvline(0, color=PATH_COLOR, linewidth=0.8, zorder=0)
     ax.margins(x=0.12, y=0.08)
     ax.grid(True)
-    words = "skew of the noise (0: none)"
-    finish(ax, xlabel=words, ylabel="one-step variance", title=title)
+    ax.set(xlabel="skew of the noise (0: none)", ylabel="one-step variance", title=title)
     texts = [(labels or {}).get(name, name) for name in names]
     for k, name in enumerate(names):
-        if errors is not None and name in errors:
+        if errors and name in errors:
             texts[k] += f"\nerror {errors[name]:.2g}"
-    place_labels(ax, x, y, texts, [style_of(point.coupling)["color"] for point in shown])
+    place_labels(ax, x, y, texts, [look["color"] for look in looks])
     return ax
 
 
-def _interval_of(point: Any, name: str) -> tuple[float, float, float]:
-    """Low end, value and high end of a point's attribute; the value lies between the ends."""
-    value = float(getattr(point, name))
-    low, high = (float(end) for end in getattr(point, f"{name}_interval"))
-    if not np.isfinite([low, value, high]).all():
-        raise ValueError(f"{name} of {point.name!r} must be finite, got {value} ({low}, {high})")
-    return min(low, value), value, max(high, value)
+def _low_value_high(value: float, interval: tuple[float, float]) -> list[float]:
+    """The ends of an interval, and the value between: rounding may put it beside one."""
+    return [min(interval[0], value), value, max(interval[1], value)]

@@ -41,7 +41,7 @@ WITHOUT = {
     "robots.task.Task": "a record of the package's own tasks",
     "robots.arm.kinematics.Chain": "a record of the arm",
     "robots.arm.model.scene": "called by ArmWorlds with states that it has checked",
-    "robots.arm.drawing.*": "called by the environment, and by plots with checked arrays",
+    "robots.arm.drawing.*": "called by the environment and by plots",
     "robots.arm.rendering.Painter.paint": "called by the environment with states of its own",
     "robots.episodes.lerobot.pose_of": "called by the reader, which has checked the columns",
     "robots.experts.*": "demonstrators see states of their own simulation only",
@@ -50,6 +50,7 @@ WITHOUT = {
     "robots.push_t.simulation.checked": "the check itself",
     "policies.rollout.with_thresholds": "called with outcomes of the worlds",
     "policies.camera.shifted": "a part of CameraLoss",
+    "plots.*": "draws what it is given, and is no door; tests/plots",
     "storage.save_tensors": "stores any tensors; tests/test_storage.py",
 } | dict.fromkeys(
     (

@@ -12,43 +12,26 @@ from cotlearn import plots
 def test_image_grid_places_each_image():
     images = torch.full((12, 64), -1.0)
     images[11] = 1.0
-    ax = plots.image_grid(images, columns=10, row_labels=["first", "second"])
+    ax = plots.image_grid(images, row_labels=["first", "second"])
     canvas = ax.images[0].get_array()
     assert canvas.shape == (17, 89)
     assert canvas[9:17, 9:17].min() == 1.0
     assert (canvas == 1.0).sum() == 64
 
 
-BAD_CALLS = {
-    "images has": lambda: plots.image_grid(torch.zeros(3, 63)),
-    "columns is": lambda: plots.image_grid(torch.zeros(3, 64), columns=0),
-    "row_labels has": lambda: plots.image_grid(torch.zeros(3, 64), row_labels=["a", "b"]),
-}
-
-
-@pytest.mark.parametrize("words", BAD_CALLS)
-def test_what_does_not_fit_is_refused_by_name(words):
-    with pytest.raises(ValueError) as caught:
-        BAD_CALLS[words]()
-    assert words in str(caught.value)
-
-
 def test_pictures_in_colour():
     pictures = np.zeros((5, 4, 6, 3), dtype=np.uint8)
     pictures[3] = (10, 20, 30)
-    ax = plots.picture_grid(
-        pictures, columns=3, row_labels=["a", "b"], column_labels=["x", "y", "z"], title="five"
-    )
+    ax = plots.picture_grid(pictures, columns=3, row_labels=["a", "b"], title="five")
     canvas = ax.images[0].get_array()
     assert canvas.shape == (2 * 5 - 1, 3 * 7 - 1, 3)
     assert (canvas[5:, :6] == (10, 20, 30)).all()
     assert (canvas[5:, 14:] == 255).all()  # there is no sixth
     assert [label.get_text() for label in ax.get_yticklabels()] == ["a", "b"]
-    for message, call in {
-        "pictures has": lambda: plots.picture_grid(np.zeros((3, 4, 4))),
-        "columns is": lambda: plots.picture_grid(pictures, columns=0),
-        "row_labels has": lambda: plots.picture_grid(pictures, columns=5, row_labels=["a", "b"]),
-        "column_labels has": lambda: plots.picture_grid(pictures, columns=5, column_labels=["a"]),
-    }.items():
-        with pytest.raises(ValueError, match=message):
-            call()
+
+
+def test_images_of_another_size_are_refused():
+    with pytest.raises(ValueError, match=r"\(n, 64\), got \(3, 63\)"):
+        plots.image_grid(torch.zeros(3, 63), row_labels=["a"])
+    with pytest.raises(ValueError, match=r"\(n, height, width, 3\), got \(3, 4, 4\)"):
+        plots.picture_grid(np.zeros((3, 4, 4)), columns=3, row_labels=["a"])

