@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import html
 import os
+import re
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,17 +18,14 @@ from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernel
 
 from cotlearn.claims import count_claims
 from cotlearn.files import write_text
-
-#: Called after each code cell with (code cells done, code cells in all, seconds so far).
-Progress = Callable[[int, int, float], None]
+from cotlearn.progress import progress_bar
 
 
 @dataclass(frozen=True)
 class Failure:
     """The cell at which a notebook stopped."""
 
-    #: Position among all cells of the notebook, counted from 0.
-    index: int
+    index: int  #: among all cells of the notebook, from 0
     source: str
     traceback: str
 
@@ -46,18 +41,17 @@ class Run:
     failure: Failure | None
 
 
-def execute(path: Path, *, timeout: int = 300, progress: Progress | None = None) -> Run:
+def execute(path: Path, *, timeout: int = 300) -> Run:
     """Executes a notebook from top to bottom in a fresh kernel.
 
     The kernel is the Python that runs this function, whatever kernels are registered on the
     machine. Progress bars inside the notebook are off (`COTLEARN_PROGRESS=0`), and it computes
     on one core unless `OMP_NUM_THREADS` says otherwise: the course's networks are so small that
-    threads spend more time on waiting for each other than they save.
+    threads cost more time than they save.
 
     Args:
         path: The notebook; it is read, not changed.
         timeout: Most seconds for one cell; at least 1.
-        progress: Called after each code cell.
 
     Returns:
         The executed notebook, the time it took, the claims that held and the failure, if any.
@@ -68,21 +62,15 @@ def execute(path: Path, *, timeout: int = 300, progress: Progress | None = None)
     if timeout < 1:
         raise ValueError(f"timeout must be at least 1 second, got {timeout}")
     notebook = read(path)
-    code = [i for i, cell in enumerate(notebook.cells) if cell.cell_type == "code"]
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     start = time.perf_counter()
-    current = code[0] if code else 0
-    done = 0
+    current = 0
 
     def on_start(cell: nbformat.NotebookNode, cell_index: int) -> None:
         nonlocal current
         current = cell_index
 
-    def on_end(cell: nbformat.NotebookNode, cell_index: int, execute_reply: object) -> None:
-        nonlocal done
-        done += 1
-        if progress is not None:
-            progress(done, len(code), time.perf_counter() - start)
-
+    bar = progress_bar(total=len(code), what=path.stem)
     client = NotebookClient(
         notebook,
         km=_kernel_manager(),
@@ -91,32 +79,28 @@ def execute(path: Path, *, timeout: int = 300, progress: Progress | None = None)
         store_widget_state=False,
         resources={"metadata": {"path": str(path.resolve().parent)}},
         on_cell_execute=on_start,
-        on_cell_executed=on_end,
+        on_cell_executed=lambda **done: bar.update(),
     )
-    error: str | None = None
-    with _environment(
-        COTLEARN_PROGRESS="0",
-        OMP_NUM_THREADS=os.environ.get("OMP_NUM_THREADS", "1"),
-        PYDEVD_DISABLE_FILE_VALIDATION="1",
-    ):
-        try:
-            if code:
-                client.execute(cleanup_kc=True)  # ends the kernel, whatever happens
-        except CellExecutionError as raised:
-            error = _traceback(notebook.cells[current]) or str(raised)
-        except CellTimeoutError:
-            error = f"The cell ran for longer than {timeout} seconds and was stopped."
-        except DeadKernelError:
-            if hasattr(client, "_async_cleanup_kernel_future"):  # nbclient's mark of a Ctrl-C
-                raise KeyboardInterrupt from None
-            error = "The kernel died while it ran this cell (out of memory?)."
-    failure = error and Failure(current, notebook.cells[current].source, error)
+    environment = {"OMP_NUM_THREADS": "1", **os.environ, "COTLEARN_PROGRESS": "0"}
+    environment["PYDEVD_DISABLE_FILE_VALIDATION"] = "1"
+    error = ""
+    try:
+        with bar:
+            client.execute(cleanup_kc=True, env=environment)  # always ends the kernel
+    except CellExecutionError as raised:
+        error = _outputs(notebook.cells[current], "error") or str(raised)
+    except CellTimeoutError:
+        error = f"The cell ran for longer than {timeout} seconds and was stopped."
+    except DeadKernelError:
+        if hasattr(client, "_async_cleanup_kernel_future"):  # nbclient's mark of a Ctrl-C
+            raise KeyboardInterrupt from None
+        error = "The kernel died while it ran this cell (out of memory?)."
     return Run(
         path=path,
         notebook=notebook,
         seconds=time.perf_counter() - start,
-        claims=sum(count_claims(_printed(notebook.cells[i])) for i in code),
-        failure=failure or None,
+        claims=sum(count_claims(_outputs(cell, "stdout")) for cell in code),
+        failure=Failure(current, notebook.cells[current].source, error) if error else None,
     )
 
 
@@ -158,14 +142,8 @@ def to_html(run: Run, folder: Path) -> Path:
     Returns:
         The path of the page.
     """
-    from nbconvert import HTMLExporter  # takes half a second, and most runs do without
-
-    folder.mkdir(parents=True, exist_ok=True)
-    exporter = HTMLExporter()
-    body, _ = exporter.from_notebook_node(
-        run.notebook, resources={"metadata": {"name": run.path.stem}}
-    )
     page = folder / f"{run.path.stem}.html"
+    body = _as_html(run.notebook, run.path.stem)
     # Links between notebooks become links between pages.
     for other in run.path.parent.glob("*.ipynb"):
         body = body.replace(f'href="{other.name}', f'href="{other.stem}.html')
@@ -175,38 +153,29 @@ def to_html(run: Run, folder: Path) -> Path:
 
 def write_index(runs: list[Run], folder: Path) -> Path:
     """Writes a page that links to the pages of `runs`, with time and claims of each."""
-    rows = "\n".join(
-        f'<tr><td><a href="{html.escape(run.path.stem)}.html">'
-        f"{html.escape(title(run.notebook))}</a></td>"
-        f"<td>{run.seconds:.0f} s</td><td>{run.claims}</td>"
-        f"<td>{'stopped at cell ' + str(run.failure.index) if run.failure else 'ran'}</td></tr>"
-        for run in runs
-    )
+    lines = ["# cotlearn\n"]
+    for run in runs:
+        end = f"; stopped at cell {run.failure.index}" if run.failure else ""
+        facts = f"{run.seconds:.0f} s, {run.claims} claims hold{end}"
+        lines.append(f"- [{title(run.notebook)}](<{run.path.stem}.html>): {facts}")
+    index = nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell("\n".join(lines))])
     page = folder / "index.html"
-    write_text(
-        page,
-        f"""<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>cotlearn</title>
-<style>body {{ font: 16px/1.5 sans-serif; max-width: 46rem; margin: 3rem auto; padding: 0 1rem }}
-table {{ border-collapse: collapse; width: 100% }} td, th {{ text-align: left; padding: .3rem .6rem;
-border-bottom: 1px solid #ccc }}</style></head>
-<body><h1>cotlearn</h1>
-<table><tr><th>Notebook</th><th>Time</th><th>Claims that hold</th><th></th></tr>
-{rows}
-</table></body></html>
-""",
-    )
+    write_text(page, _as_html(index, "cotlearn"))
     return page
 
 
 def title(notebook: nbformat.NotebookNode) -> str:
     """Returns the first heading of a notebook, or "untitled"."""
-    for cell in notebook.cells:
-        if cell.cell_type == "markdown":
-            for line in cell.source.splitlines():
-                if line.startswith("# "):
-                    return str(line[2:].strip())
-    return "untitled"
+    prose = (cell.source for cell in notebook.cells if cell.cell_type == "markdown")
+    found = re.search(r"^# (.+)$", "\n".join(prose), re.MULTILINE)
+    return found[1].strip() if found else "untitled"
+
+
+def _as_html(notebook: nbformat.NotebookNode, name: str) -> str:
+    from nbconvert import HTMLExporter  # takes half a second, and most runs do without
+
+    resources = {"metadata": {"name": name}}
+    return str(HTMLExporter().from_notebook_node(notebook, resources=resources)[0])
 
 
 class _OwnKernel(KernelSpecManager):
@@ -224,25 +193,7 @@ def _kernel_manager() -> AsyncKernelManager:
     return manager
 
 
-@contextmanager
-def _environment(**values: str) -> Iterator[None]:
-    before = {key: os.environ.get(key) for key in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for key, value in before.items():
-            if value is None:
-                os.environ.pop(key, None)
-            else:
-                os.environ[key] = value
-
-
-def _printed(cell: nbformat.NotebookNode) -> str:
-    streams = (output for output in cell.get("outputs", []) if output.output_type == "stream")
-    return "".join(output.text for output in streams if output.name == "stdout")
-
-
-def _traceback(cell: nbformat.NotebookNode) -> str:
-    errors = [output for output in cell.get("outputs", []) if output.output_type == "error"]
-    return "\n".join("\n".join(output.traceback) for output in errors)
+def _outputs(cell: nbformat.NotebookNode, kind: str) -> str:
+    """What a cell printed to "stdout", or the traceback of its "error"."""
+    outputs = [item for item in cell.outputs if kind in (item.get("name"), item.output_type)]
+    return "\n".join(item.get("text") or "\n".join(item.traceback) for item in outputs)

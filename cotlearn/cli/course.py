@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.syntax import Syntax
 from rich.table import Table
 from rich.text import Text
 
 from cotlearn import assets
-from cotlearn.cli.terminal import console, stop, stop_missing
+from cotlearn.cli.terminal import console, reported, stop_missing
 
 if TYPE_CHECKING:
     from cotlearn.execution import Run
@@ -38,56 +37,27 @@ def lab(
     """Opens the course in JupyterLab; other options, such as --port, go to JupyterLab."""
     if importlib.util.find_spec("jupyterlab") is None:
         stop_missing("JupyterLab")
-    root = assets.checkout()
-    if root is not None:
-        first = f"notebooks/{FIRST_NOTEBOOK}"
-    else:
+    root, first = assets.checkout(), f"notebooks/{FIRST_NOTEBOOK}"
+    if root is None:
         root, first = to.resolve(), FIRST_NOTEBOOK
-        try:
+        with reported():
             copied, kept = assets.copy_notebooks(root)
-        except ValueError as error:
-            stop(str(error))
         console.print(f"{len(copied)} notebooks copied to {escape(str(root))}, {len(kept)} kept")
-    command = [sys.executable, "-m", "jupyterlab", *lab_options(root, first, context.args)]
-    try:
-        code = subprocess.call(command, env=lab_environment())
-    except KeyboardInterrupt:
-        code = 0
-    raise typer.Exit(code)
-
-
-def lab_options(root: Path, first: str, extra: list[str]) -> list[str]:
-    """Returns the options of JupyterLab: what to open, and what this machine makes necessary.
-
-    Args:
-        root: The folder that JupyterLab shows.
-        first: The notebook to open, relative to `root`, with forward slashes.
-        extra: The user's own options; they come last and win.
-
-    Returns:
-        Command line options.
-    """
     options = [f"--ServerApp.root_dir={root}", f"--LabApp.default_url=/lab/tree/{first}"]
     if not _has_display():
         options.append("--no-browser")
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         options.append("--allow-root")
-    return [*options, *extra]
-
-
-def lab_environment() -> dict[str, str]:
-    """Returns the environment of JupyterLab.
-
-    This Python's own kernel comes before any other, and kernels compute on one core unless
-    `OMP_NUM_THREADS` says otherwise (see `cotlearn.execution.execute`).
-    """
-    own = str(Path(sys.prefix) / "share" / "jupyter")
-    path = [own, os.environ.get("JUPYTER_PATH", "")]
-    return os.environ | {
-        "JUPYTER_PATH": os.pathsep.join(filter(None, path)),
-        "JUPYTER_PREFER_ENV_PATH": "1",
-        "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1"),
-    }
+    # This Python's own kernel comes before any other; one core, see `cotlearn.execution.execute`.
+    kernels = [str(Path(sys.prefix) / "share" / "jupyter"), os.environ.get("JUPYTER_PATH", "")]
+    environment = {"OMP_NUM_THREADS": "1", **os.environ, "JUPYTER_PREFER_ENV_PATH": "1"}
+    environment["JUPYTER_PATH"] = os.pathsep.join(filter(None, kernels))
+    try:
+        command = [sys.executable, "-m", "jupyterlab", *options, *context.args]
+        code = subprocess.call(command, env=environment)
+    except KeyboardInterrupt:
+        code = 0
+    raise typer.Exit(code)
 
 
 def _has_display() -> bool:
@@ -111,30 +81,22 @@ def run(
     timeout: Annotated[int, typer.Option(min=1, help="Most seconds for one cell.")] = 300,
 ) -> None:
     """Executes notebooks without a browser and says how long each took."""
-    try:
+    with reported():
         from cotlearn import execution
-    except ModuleNotFoundError as error:
-        stop_missing(error.name)
-    try:
+
         paths = [assets.find_notebook(name) for name in notebook or []] or assets.notebooks()
-    except ValueError as error:
-        stop(str(error))
-    runs = []
-    for path in paths:
-        try:
-            done = _run_with_progress(path, timeout)
-        except ValueError as error:
-            stop(str(error))
-        runs.append(done)
-        _report(done)
-        if inplace and done.failure is None:
-            execution.store(done)
-        if html is not None:
-            execution.to_html(done, html)
-    seconds = sum(item.seconds for item in runs)
+        runs = []
+        for path in paths:
+            done = execution.execute(path, timeout=timeout)
+            runs.append(done)
+            _report(done)
+            if inplace and done.failure is None:
+                execution.store(done)
+            if html is not None:
+                execution.to_html(done, html)
     failed = sum(item.failure is not None for item in runs)
     if len(runs) > 1:
-        claims = sum(item.claims for item in runs)
+        seconds, claims = sum(item.seconds for item in runs), sum(item.claims for item in runs)
         console.print(
             f"{len(runs)} notebooks, {seconds:.1f} s, {claims} claims passed, {failed} failed"
         )
@@ -143,40 +105,19 @@ def run(
     raise typer.Exit(1 if failed else 0)
 
 
-def _run_with_progress(path: Path, timeout: int) -> Run:
-    from cotlearn import execution
-
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    with Progress(
-        *columns,
-        TextColumn("cells"),
-        TimeElapsedColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    ) as bar:
-        task = bar.add_task(escape(path.stem), total=None)
-        return execution.execute(
-            path,
-            timeout=timeout,
-            progress=lambda done, total, seconds: bar.update(task, completed=done, total=total),
-        )
-
-
 def _report(done: Run) -> None:
     mark = "[red]✗[/]" if done.failure else "[green]✓[/]"
     claims = "1 claim" if done.claims == 1 else f"{done.claims} claims"
     console.print(f"{mark} {escape(done.path.stem):<28} {done.seconds:6.1f} s   {claims} passed")
     if done.failure:
         console.print(f"\n[red]cell {done.failure.index} of {escape(str(done.path))} failed:[/]\n")
-        console.print(Syntax(done.failure.source, "python", background_color="default"))
-        console.print()
+        console.print(Syntax(done.failure.source, "python", background_color="default"), "")
         console.print(Text.from_ansi(done.failure.traceback))
 
 
 @app.command()
 def doctor() -> None:
-    """Examines this machine; names what is missing and the command that mends it."""
+    """Examines this machine; names what is missing and the command that fixes it."""
     from cotlearn import doctor as examination
 
     findings = examination.examine()
@@ -188,11 +129,11 @@ def doctor() -> None:
     missing = [finding for finding in findings if not finding.ok]
     for finding in missing:
         kind = "needed" if finding.required else "good to have"
-        console.print(f"\n[bold]{escape(finding.name)}[/] ({kind}): mend it with")
+        console.print(f"\n[bold]{escape(finding.name)}[/] ({kind}): fix it with")
         console.print(f"    {escape(finding.remedy)}")
     broken = any(finding.required for finding in missing)
-    if broken:
-        console.print("\nSomething that the course needs is missing.")
-    else:
-        console.print("\nEverything that the course needs is here.")
+    end = (
+        "Something that the course needs is missing." if broken else "The course has all it needs."
+    )
+    console.print(f"\n{end}")
     raise typer.Exit(1 if broken else 0)

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from cotlearn import assets
-from cotlearn.cli.terminal import console, stop, stop_interrupted, stop_missing
+from cotlearn.cli.terminal import console, reported
 
 if TYPE_CHECKING:
     from cotlearn.homework.grading import Row
@@ -42,28 +42,22 @@ def check(
     Nothing of the notebook is changed. An endless loop, an exit or a flood of prints costs its own
     question and no other.
     """
-    limits = _limits(seconds, gigabytes)
-    from cotlearn.homework import progress
-    from cotlearn.homework.marking import mark
-
     wrong = 0
-    for name in notebook:
-        try:
+    with reported(RuntimeError):
+        from cotlearn.homework import progress
+        from cotlearn.homework.marking import mark
+
+        limits = _limits(seconds, gigabytes)
+        for name in notebook:
             path = Path(name) if Path(name).exists() else assets.find_notebook(name)
             console.print(f"[bold]{escape(path.name)}[/]")
             marked = mark(path, limits=limits, each=_print)
-        except ModuleNotFoundError as error:
-            stop_missing(error.name)
-        except (ValueError, RuntimeError) as error:
-            stop(str(error))
-        except KeyboardInterrupt:
-            raise typer.Exit(130) from None
-        if marked.note:
-            console.print(f"note: {escape(marked.note)}")
-        done = sum(item.correct for item in marked.marks)
-        console.print(f"{done} of {len(marked.marks)} correct")
-        wrong += len(marked.marks) - done
-        progress.remember({item.question: item.verdict for item in marked.marks})
+            if marked.note:
+                console.print(f"note: {escape(marked.note)}")
+            done = sum(item.correct for item in marked.marks)
+            console.print(f"{done} of {len(marked.marks)} correct")
+            wrong += len(marked.marks) - done
+            progress.remember({item.question: item.verdict for item in marked.marks})
     raise typer.Exit(1 if wrong else 0)
 
 
@@ -75,14 +69,12 @@ def _print(mark: Mark) -> None:
 @app.command("progress")
 def show_progress() -> None:
     """Shows which exercises are done and which is next; reads one file on this machine."""
-    from cotlearn.homework import progress
-    from cotlearn.homework.assignments import find, masters
+    with reported():
+        from cotlearn.homework import progress
+        from cotlearn.homework.assignments import find, masters
 
-    try:
         names = [path.name[:2] for path in assets.notebooks()] + [path.stem for path in masters()]
         found = [find(name) for name in names]
-    except ModuleNotFoundError as error:
-        stop_missing(error.name)
     known = {name: item["verdict"] for name, item in progress.read().items()}
     table = Table("", "", "", box=None, show_header=False, pad_edge=False)
     following = None
@@ -115,19 +107,13 @@ def grade(
     accidents and are no security sandbox; docs/teaching/grading.md shows how to grade a class that
     you do not trust.
     """
-    limits = _limits(seconds, gigabytes)
-    from cotlearn.homework import grading
+    with reported():
+        from cotlearn.homework import grading
 
-    try:
+        limits = _limits(seconds, gigabytes)
         rows = grading.grade(
             folder, out, masters=masters, workers=workers, limits=limits, each=_print_row
         )
-    except ModuleNotFoundError as error:
-        stop_missing(error.name)
-    except ValueError as error:
-        stop(str(error))
-    except KeyboardInterrupt:
-        stop_interrupted()
     unread = [row for row in rows if not row.marked.marks]
     console.print(
         f"{len(rows)} notebooks, {sum(row.kept for row in rows)} of them known from before, "
@@ -155,9 +141,9 @@ def homework(
     masters: _Masters = None,
 ) -> None:
     """Makes student and autograder versions of the homework with otter-grader, and tries them."""
-    from cotlearn.homework import release
+    with reported():
+        from cotlearn.homework import release
 
-    try:
         release.make(
             out,
             masters=masters,
@@ -165,24 +151,12 @@ def homework(
             requirements=requirements,
             say=lambda text: console.print(escape(text)),
         )
-    except ModuleNotFoundError as error:
-        if error.name == "otter-grader":
-            stop(
-                "otter-grader is not installed; install it with: pip install 'cotlearn[instructor]'"
-            )
-        stop_missing(error.name)
-    except ValueError as error:
-        stop(str(error))
 
 
 def _limits(seconds: float, gigabytes: float) -> Limits:
     """The limits, after a word on a system that cannot keep one of them."""
-    try:
-        import torch  # noqa: F401
+    from cotlearn.homework.isolation import Limits, has_memory_limit
 
-        from cotlearn.homework.isolation import Limits, has_memory_limit
-    except ModuleNotFoundError as error:
-        stop_missing(error.name)
     if not has_memory_limit():
         console.print(
             "note: this system has no memory limit for a process; an answer that fills the memory "

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from cotlearn.cli.terminal import console, stop, stop_interrupted
+from cotlearn.cli.terminal import console, reported
 
 
 def report(
@@ -33,14 +33,14 @@ def report(
 
     The page holds its figures and needs no network. Trainings that were stopped resume.
     """
-    import torch
-
-    from cotlearn.report import examine, read_data, write_page
-
-    torch.set_num_threads(1)
     model = model or out.with_suffix(".safetensors")
     checkpoints = out.with_name(f".{out.name}")
-    try:
+    with reported(TypeError, RuntimeError):
+        import torch
+
+        from cotlearn.report import examine, read_data, write_page
+
+        torch.set_num_threads(1)
         if out.is_dir() or not out.parent.is_dir():
             raise ValueError(f"out must be a file in a folder that exists, got {out}")
         rows = read_data(data, observe=observe, predict=predict)
@@ -49,10 +49,6 @@ def report(
         found.model.save(model)
         command = shlex.join(["cotlearn", *sys.argv[1:]])
         write_page(found, out, command=command, model=model)
-    except (ValueError, TypeError, RuntimeError, OSError, ModuleNotFoundError) as error:
-        stop(str(error))
-    except KeyboardInterrupt:
-        stop_interrupted()
     for file in out.parent.glob(f"{checkpoints.name}.*.training.safetensors"):
         file.unlink()
     console.print(f"use: {escape(found.advice.name)}\n{escape(found.verdict())}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NoReturn
 
 import typer
@@ -20,6 +22,26 @@ def stop(message: str) -> NoReturn:
 def stop_missing(package: str | None) -> NoReturn:
     """Ends the command because a package of the course is not installed."""
     stop(f"{package} is not installed; install it with: pip install 'cotlearn[course]'")
+
+
+@contextmanager
+def reported(*more: type[Exception]) -> Iterator[None]:
+    """Ends the command with a sentence if the block fails as files and values from outside do.
+
+    Args:
+        more: other kinds of errors of which the message says enough.
+    """
+    kinds: tuple[type[Exception], ...] = (OSError, ValueError, *more)
+    try:
+        yield
+    except ImportError as error:
+        if error.name is None:  # the message is ours, and says what to install
+            stop(str(error))
+        stop_missing(error.name)
+    except kinds as error:
+        stop(str(error))
+    except KeyboardInterrupt:
+        stop_interrupted()
 
 
 def stop_interrupted() -> NoReturn:

@@ -56,7 +56,9 @@ def make(
         ValueError: Otter failed, a solution does not pass, or a stub does not fail.
     """
     if importlib.util.find_spec("otter") is None:
-        raise ModuleNotFoundError("No module named 'otter'", name="otter-grader")
+        raise ModuleNotFoundError(
+            "otter-grader is not installed; install it with: pip install 'cotlearn[instructor]'"
+        )
     paths = assignments.masters(masters)
     if not paths:
         raise ValueError(f"there is no master notebook (hw1.ipynb, ...) in {masters}")

@@ -78,7 +78,7 @@ MISTAKES = [
     ("hw4.clearance", lambda p, q: near(p, q).min(1) ** 2, "squared"),
     ("hw4.clearance", lambda p, q: near(p, q), "must have shape"),
     ("hw4.clearance", lambda p, q: near(p, q).min(), "must have shape"),
-    ("hw4.clearance", no_rest, "not finite"),
+    ("hw4.clearance", no_rest, "not all values are finite"),
     ("hw4.choose", lambda v, n: int(np.argmax(v)), "would do"),
     ("hw4.choose", lambda v, n: 0, "too close"),
     ("hw4.choose", lambda v, n: float(v[v >= n][0]) if (v >= n).any() else 0.0, "not its"),

@@ -1,8 +1,21 @@
-"""What the checks of the homework share: shapes, and wrong answers that are recognised."""
+"""How a check is written: a table of cases, each with the right result and known mistakes.
+
+    @table("02.halve")
+    def halve() -> Cases:
+        for x in (1.0, 3.0):
+            yield Case((x,), x / 2, {"that is twice x, not half of it": 2 * x})
+
+`run` puts the table to an answer. Code after a `yield` runs once the case was answered rightly. A
+check that fits no table is a function of the answer, registered with `exercise`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import copy
+import functools
+import itertools
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,9 +23,105 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from cotlearn.homework.registry import NotYet
+from cotlearn.homework.registry import NotYet, exercise
 
 Array = NDArray[np.float64]
+Shapes = dict[tuple[int, ...], str]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One trial of an answer.
+
+    Attributes:
+        given: the arguments of the learner's function, which gets copies; None if the answer is
+            a value and not a function.
+        right: the result: a number, tensor, array, word or list of words.
+        wrong: known mistakes, hint to wrong result (or to a function that recognises the result).
+        otherwise: the hint for all other results, or a function of the result that returns it;
+            without it the hint says what was expected.
+        what: the name of the result, for the hint about its shape.
+        also: other results that count as right.
+        shapes: hints for results of another shape.
+        read: turns what was returned into what is compared, if shape and type of `right` do not
+            say it all.
+        tolerance: relative and absolute.
+        unchanged: whether the answer must leave its arguments as they are.
+    """
+
+    given: tuple[Any, ...] | None
+    right: Any
+    wrong: Mapping[str, Any] = field(default_factory=dict)
+    otherwise: str | Callable[[Any], str] = ""
+    what: str = "the result"
+    also: tuple[Any, ...] = ()
+    shapes: Shapes = field(default_factory=dict)
+    read: Callable[[Any], Any] | None = None
+    tolerance: float = 1e-4
+    unchanged: bool = False
+
+
+Cases = Iterator[Case]
+
+
+def table(name: str) -> Callable[[Callable[..., Cases]], Callable[..., None]]:
+    """Registers a generator of cases as the check of an exercise; names as for `exercise`."""
+
+    def register(cases: Callable[..., Cases]) -> Callable[..., None]:
+        @functools.wraps(cases)  # keeps `seed` visible
+        def check(answer: Any, **options: int) -> None:
+            run(answer, cases(**options))
+
+        return exercise(name)(check)
+
+    return register
+
+
+def run(answer: Any, cases: Cases) -> None:
+    """Raises `NotYet` with the hint of the first case that an answer gets wrong."""
+    for case in cases:
+        found = (case.read or functools.partial(_like, case))(_returned(answer, case))
+        if any(same(found, right, case.tolerance) for right in (case.right, *case.also)):
+            continue
+        for hint, wrong in case.wrong.items():
+            if wrong(found) if callable(wrong) else same(found, wrong, case.tolerance):
+                raise NotYet(hint)
+        if callable(case.otherwise):
+            raise NotYet(case.otherwise(found))
+        raise NotYet(case.otherwise or _expected(case, found))
+
+
+def _returned(answer: Any, case: Case) -> Any:
+    if case.given is None:
+        return answer
+    expect_function(answer)
+    given = copy.deepcopy(case.given)
+    result = answer(*given)
+    if case.unchanged and not all(map(same, given, case.given)):
+        raise NotYet("your function changed its inputs; index them, which makes copies")
+    return result
+
+
+def _expected(case: Case, found: Any) -> str:
+    if not isinstance(found, float):
+        return f"expected {case.right!r}, got {found!r}"
+    given = case.given or ()
+    short = all(np.size(item) <= 12 for item in given)
+    where = ", ".join(str(np.round(item, 3).tolist()) for item in given) if short else "these data"
+    return f"for {where} expected {case.right:.4g}, got {found:.4g}"
+
+
+def _like(case: Case, value: Any) -> Any:
+    """The value, if it is of the type and shape of the right result."""
+    if isinstance(case.right, str):
+        return value
+    if np.ndim(case.right) == 0:
+        return number(value)
+    shape = tuple(case.right.shape)
+    got = tuple(getattr(value, "shape", shape))
+    if got != shape and got in case.shapes:
+        raise NotYet(case.shapes[got])
+    return (tensor if isinstance(case.right, Tensor) else array)(value, shape, case.what)
 
 
 def expect_function(answer: Any) -> None:
@@ -22,24 +131,15 @@ def expect_function(answer: Any) -> None:
 
 
 def tensor(value: Any, shape: tuple[int, ...], what: str) -> Tensor:
-    """Returns the value as float64 if it is a finite tensor of this shape.
-
-    Args:
-        value: What an answer returned.
-        shape: Expected.
-        what: The words for it, as "the loss, one value a row,".
-    """
+    """Returns the value as float64 if it is a finite tensor of this shape, called `what`."""
     if not isinstance(value, Tensor):
         raise NotYet(f"{what} must be a tensor of shape {shape}, got {type(value).__name__}")
-    if tuple(value.shape) != shape:
-        raise NotYet(f"{what} must have shape {shape}, got {tuple(value.shape)}")
-    if not torch.isfinite(value).all():
-        raise NotYet(f"{what} holds values that are not finite (nan or inf)")
+    array(value.detach(), shape, what)
     return value.detach().double()
 
 
 def array(value: Any, shape: tuple[int, ...], what: str) -> Array:
-    """Like `tensor`, for numpy."""
+    """Returns the value as an array if it has this shape and finite numbers."""
     try:
         found = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -47,8 +147,32 @@ def array(value: Any, shape: tuple[int, ...], what: str) -> Array:
     if found.shape != shape:
         raise NotYet(f"{what} must have shape {shape}, got {found.shape}")
     if not np.isfinite(found).all():
-        raise NotYet(f"{what} holds values that are not finite (nan or inf)")
+        raise NotYet(f"not all values are finite (nan or inf) in {what}")
     return found
+
+
+def one_of_two(index: int, shape: tuple[int, ...], what: str, hint: str) -> Callable[[Any], Tensor]:
+    """Returns a reader of one of the two tensors that an answer returns; `hint` if it does not."""
+
+    def read(value: Any) -> Tensor:
+        if not isinstance(value, tuple | list) or len(value) != 2:
+            raise NotYet(hint)
+        return tensor(value[index], shape, what)
+
+    return read
+
+
+def permutation(value: Any, n: int, hint: str) -> Tensor:
+    """Returns the value as the integers 0 to n - 1 in some order; `hint` if one comes twice."""
+    try:
+        p = torch.as_tensor(value)
+    except (TypeError, ValueError, RuntimeError):
+        raise NotYet(f"return {n} integers, got {type(value).__name__}") from None
+    if p.is_floating_point() or p.dtype == torch.bool or tuple(p.shape) != (n,):
+        raise NotYet(f"return integers of shape ({n},), got {p.dtype} of shape {tuple(p.shape)}")
+    if sorted(p.tolist()) != list(range(n)):
+        raise NotYet(f"{p.tolist()} is not a permutation: {hint}")
+    return p.long()
 
 
 def number(value: Any) -> float:
@@ -56,35 +180,36 @@ def number(value: Any) -> float:
     try:
         return float(value)
     except (TypeError, ValueError, RuntimeError):
-        raise NotYet(f"return one number, got {type(value).__name__}") from None
+        got = f"shape {tuple(value.shape)}" if hasattr(value, "shape") else type(value).__name__
+        raise NotYet(f"return one number, got {got}") from None
 
 
-def same(a: ArrayLike | Tensor, b: ArrayLike | Tensor, *, tolerance: float = 1e-4) -> bool:
-    """Whether two results are equal up to rounding."""
+def same(
+    a: ArrayLike | Tensor, b: ArrayLike | Tensor | str | list[str], tolerance: float = 1e-4
+) -> bool:
+    """Whether two results are equal, numbers up to rounding."""
+    if isinstance(b, str | list):
+        return a == b
     left, right = (np.asarray(value, dtype=np.float64) for value in (a, b))
     return left.shape == right.shape and np.allclose(left, right, rtol=tolerance, atol=tolerance)
 
 
-def compare(
-    found: ArrayLike | Tensor,
-    right: ArrayLike | Tensor,
-    mistakes: Iterable[tuple[ArrayLike | Tensor, str]],
-    otherwise: str,
-    *,
-    tolerance: float = 1e-4,
-) -> None:
-    """Raises `NotYet` unless `found` is right, with the hint of the mistake that it equals.
+def cheapest(cost: Tensor) -> Tensor:
+    """The best of all permutations, one by one."""
+    everyone = torch.tensor(list(itertools.permutations(range(len(cost)))))
+    totals = cost[torch.arange(len(cost)), everyone].sum(dim=1)
+    return everyone[totals.argmin()]
 
-    Args:
-        found: What an answer returned.
-        right: What it should be.
-        mistakes: Pairs of a wrong result and the sentence for it.
-        otherwise: The sentence for all others.
-        tolerance: Relative and absolute.
-    """
-    if same(found, right, tolerance=tolerance):
-        return
-    for wrong, hint in mistakes:
-        if same(found, wrong, tolerance=tolerance):
-            raise NotYet(hint)
-    raise NotYet(otherwise)
+
+def one_a_row(n: int, d: int) -> Shapes:
+    """Hints for a loss of the wrong shape, of n rows with d coordinates."""
+    return {
+        (): "return one loss for each row; the mean over rows is taken later",
+        (n, d): "sum the squares over the coordinates: one loss for each row",
+    }
+
+
+def turned(points: Array, angle: float) -> Array:
+    """Points (..., 2) of the plane, turned about the origin by an angle in radians."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return points @ np.array([[cos, sin], [-sin, cos]])

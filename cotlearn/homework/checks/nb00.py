@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import torch
 
+from cotlearn.homework.checks.common import Case, Cases, expect_function, same, table, tensor
 from cotlearn.homework.registry import NotYet, exercise
 from cotlearn.mixtures import petals
 
 _SELF_TEST: dict[str, tuple[Any, str]] = {
-    "shape": ((256, 6), "dim=1 puts the columns side by side and leaves the rows"),
+    "shape": ((256, 6), "dim=1 puts the columns side by side and keeps the rows"),
     "gradient": (12, "use the chain rule: the outer square, then the inner factor 3"),
     "best_constant": (0, "set the derivative of the mean of (x - b)^2 to zero"),
     "mean": (2, "average the two conditional means, each with its probability"),
@@ -29,71 +29,51 @@ def self_test(answer: Any) -> None:
     wrong = [
         f"{name} ({hint})"
         for name, (expected, hint) in _SELF_TEST.items()
-        if not _same(answer.get(name), expected)
+        if not _is(answer.get(name), expected)
     ]
     if wrong:
         right = len(_SELF_TEST) - len(wrong)
         raise NotYet(f"{right} of {len(_SELF_TEST)} right; look again at {'; '.join(wrong)}")
 
 
-def _same(got: Any, expected: Any) -> bool:
-    if isinstance(expected, tuple):
-        return isinstance(got, tuple | list) and tuple(got) == expected
+def _is(got: Any, expected: Any) -> bool:
     try:
-        return math.isclose(float(got), expected, abs_tol=1e-6)
-    except (TypeError, ValueError):
+        return same(got, expected, 1e-6)
+    except (TypeError, ValueError):  # not numbers
         return False
 
 
-@exercise("00.perfect_one_step")
-def perfect_one_step(answer: Any) -> None:
+@table("00.perfect_one_step")
+def perfect_one_step() -> Cases:
     """The mean squared distance of a petal's samples from its centre."""
-    try:
-        value = float(answer)
-    except (TypeError, ValueError):
-        raise NotYet(f"expected a number, got {type(answer).__name__}") from None
-    hints = {
-        1.2: "this is the distance of a mode; the score is a mean of squared distances",
-        1.44: "the modes are right; each of them also has a variance in both coordinates",
-        1.44 + 0.25**2: "the spread counts in both coordinates, not in one",
-        1.44 + 2 * 0.25: "0.25 is the standard deviation; the variance is its square",
-        1.44 + 0.25: "0.25 is the standard deviation; the variance is its square, twice",
-    }
-    for wrong, hint in hints.items():
-        if math.isclose(value, wrong, abs_tol=1e-6):
-            raise NotYet(hint)
     right = 1.44 + 2 * 0.25**2
-    if 6e-3 < abs(value - right) < 0.05:
-        raise NotYet("nearly; do not round, let Python add up the terms")
-    if not math.isclose(value, right, abs_tol=6e-3):
-        raise NotYet("add the squared distance of a mode and the variance of each coordinate")
+    wrong = {
+        "this is the distance of a mode; the score is a mean of squared distances": 1.2,
+        "the modes are right; each of them also has a variance in both coordinates": 1.44,
+        "the spread counts in both coordinates, not in one": 1.44 + 0.25**2,
+        "0.25 is the standard deviation; the variance is its square": 1.44 + 2 * 0.25,
+        "0.25 is the standard deviation; the variance is its square, twice": 1.44 + 0.25,
+        "nearly; do not round, let Python add up the terms": lambda x: abs(x - right) < 0.05,
+    }
+    hint = "add the squared distance of a mode and the variance of each coordinate"
+    yield Case(None, right, wrong, hint, tolerance=2.35e-3)
 
 
 @exercise("00.deaf_sampler")
 def deaf_sampler(answer: Any) -> None:
     """Samples of p(x1), the same for every c, repeatable with the generator."""
-    if not callable(answer):
-        raise NotYet(f"expected a function, got {type(answer).__name__}")
+    expect_function(answer)
     n = 2000
     clouds = []
     for k in (0, 2):
         c = torch.eye(4)[k].expand(n, -1)
         x = answer(c, generator=torch.Generator().manual_seed(7))
-        if not isinstance(x, torch.Tensor) or x.shape != (n, 2):
-            got = tuple(x.shape) if isinstance(x, torch.Tensor) else type(x).__name__
-            raise NotYet(f"for c of shape ({n}, 4) return a tensor of shape ({n}, 2), got {got}")
-        clouds.append(x)
+        clouds.append(tensor(x, (n, 2), f"for c of shape ({n}, 4) the result"))
     if (clouds[0].mean(dim=0) - clouds[1].mean(dim=0)).norm() > 0.5:
         raise NotYet("your samples change with c; a deaf sampler must not listen to it")
     if not torch.equal(clouds[0], clouds[1]):
         raise NotYet("the same seed gave other numbers: pass the generator on to data.sample")
-    nearest = torch.cdist(clouds[0], _modes()).argmin(dim=1)
-    share = torch.bincount(nearest, minlength=8) / n
-    radius = clouds[0].norm(dim=1)
-    if (share < 0.06).any() or abs(float(radius.mean()) - 4.18) > 0.15:
+    modes = petals().components(torch.eye(4)).means.reshape(8, 2)
+    share = torch.cdist(clouds[0].float(), modes).argmin(dim=1).bincount(minlength=8) / n
+    if (share < 0.06).any() or abs(float(clouds[0].norm(dim=1).mean()) - 4.18) > 0.15:
         raise NotYet("draw from all four petals alike: data.sample returns x1 and its condition")
-
-
-def _modes() -> torch.Tensor:
-    """The centres of the eight clusters."""
-    return petals().components(torch.eye(4)).means.reshape(8, 2)

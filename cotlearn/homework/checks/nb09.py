@@ -2,84 +2,62 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from cotlearn.homework.checks.common import Array, array, compare, expect_function, number
-from cotlearn.homework.registry import exercise
+from cotlearn.homework.checks.common import Array, Case, Cases, table
 
 
-@exercise("09.damped_step")
-def damped_step(answer: Any) -> None:
+@table("09.damped_step")
+def damped_step() -> Cases:
     """J^T (J J^T + damping I)^-1 e."""
-    expect_function(answer)
     rng = np.random.default_rng(9)
     for rows, damping in ((3, 0.1), (3, 0.01), (5, 0.4)):
-        jacobian, error = rng.normal(size=(rows, 7)), rng.normal(size=rows)
-        found = array(answer(jacobian.copy(), error.copy(), damping), (7,), "the change of joints")
-        right = _damped(jacobian, error, damping)
-        compare(
-            found,
-            right,
-            (
-                (-right, "the other way: error is target minus tip, so the step goes along it"),
-                (_damped(jacobian, error, 0.0), "that is the undamped step: add damping * I"),
-                (
-                    _damped(jacobian, error, damping**2),
-                    "damping is lambda itself, do not square it",
-                ),
-                (
-                    jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping, error),
-                    "damping goes on the diagonal alone: damping * np.eye(len(jacobian))",
-                ),
-                (jacobian.T @ error, "the system (J J^T + damping I) is still to be solved"),
-                (
-                    jacobian.T @ (jacobian @ jacobian.T + damping * np.eye(rows)) @ error,
-                    "multiplied by J J^T + damping I, where its inverse is needed: np.linalg.solve",
-                ),
+        J, e = rng.normal(size=(rows, 7)), rng.normal(size=rows)
+        square = J @ J.T + damping * np.eye(rows)
+        everywhere = J.T @ np.linalg.solve(J @ J.T + damping, e)
+        right = _damped(J, e, damping)
+        wrong = {
+            "the wrong sign: error is target minus tip, so the step goes along it": -right,
+            "that is the undamped step: add damping * I": _damped(J, e, 0.0),
+            "damping is lambda itself, do not square it": _damped(J, e, damping**2),
+            "damping goes on the diagonal alone: damping * np.eye(len(jacobian))": everywhere,
+            "the system (J J^T + damping I) is still to be solved": J.T @ e,
+            "multiplied by J J^T + damping I, where its inverse is needed: np.linalg.solve": (
+                J.T @ square @ e
             ),
-            "not the minimiser of |J dq - e|^2 + damping |dq|^2",
-        )
+        }
+        hint = "not the minimiser of |J dq - e|^2 + damping |dq|^2"
+        yield Case((J, e, damping), right, wrong, hint, "the change of joints")
 
 
-@exercise("09.between_share")
-def between_share(answer: Any) -> None:
+@table("09.between_share")
+def between_share() -> Cases:
     """1 - within / total."""
-    expect_function(answer)
     rng = np.random.default_rng(90)
     for conditions, draws, spread in ((4, 3, 2.0), (6, 2, 0.3), (3, 5, 0.0)):
         means = 5 + spread * rng.normal(size=(conditions, 1, 2))
         paths = means + rng.normal(size=(conditions, draws, 2)) * (1.0, 0.5)
-        value = number(answer(paths.copy()))
         rows = paths.reshape(-1, 2)
-        within = paths.var(axis=1, ddof=1).sum(axis=-1).mean()
-        total = rows.var(axis=0).sum()
-        if np.isclose(value, 1 - within / rows.var(axis=0, ddof=1).sum(), rtol=1e-5):
-            continue  # divides by rows - 1
-        small = paths.var(axis=1).sum(axis=-1).mean()
-        compare(
-            value,
-            1 - within / total,
-            (
-                (within / total, "that is the share within; the rest lies between"),
-                (
-                    1 - small / total,
-                    "within a condition divide by draws - 1: var(..., ddof=1); the variance of "
-                    "the conditions' means counts part of the variance within, too",
-                ),
-                (
-                    1 - paths.var(axis=0, ddof=1).sum(axis=-1).mean() / total,
-                    "that is the variance over conditions; within goes over the draws, axis 1",
-                ),
-                (1 - within / (rows**2).sum(axis=1).mean(), "the total is about the rows' mean"),
-                (
-                    1 - paths.var(axis=1, ddof=1).mean() / total,
-                    "sum the variances of the d columns in both, average over conditions only",
-                ),
+        by_condition, total = paths.var(axis=1, ddof=1), rows.var(axis=0).sum()
+        within = by_condition.sum(axis=-1).mean()
+        over_conditions = paths.var(axis=0, ddof=1).sum(axis=-1).mean()
+        wrong = {
+            "that is the share within; the rest lies between": within / total,
+            "within a condition divide by draws - 1: var(..., ddof=1); the variance of the "
+            "conditions' means counts part of the variance within, too": (
+                1 - paths.var(axis=1).sum(axis=-1).mean() / total
             ),
-            f"expected {1 - within / total:.4g} for paths of shape {paths.shape}, got {value:.4g}",
-        )
+            "that is the variance over conditions; within goes over the draws, axis 1": (
+                1 - over_conditions / total
+            ),
+            "the total is about the rows' mean": 1 - within / (rows**2).sum(axis=1).mean(),
+            "sum the variances of the d columns in both, average over conditions only": (
+                1 - by_condition.mean() / total
+            ),
+        }
+        by_rows = 1 - within / rows.var(axis=0, ddof=1).sum()  # rows - 1 will do
+        hint = f"expected {1 - within / total:.4g} for paths of shape {paths.shape}"
+        yield Case((paths,), 1 - within / total, wrong, hint, also=(by_rows,))
 
 
 def _damped(jacobian: Array, error: Array, damping: float) -> Array:

@@ -2,68 +2,62 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import torch
+from torch import Tensor
 
-from cotlearn.homework.checks.common import compare, expect_function, tensor
-from cotlearn.homework.registry import exercise
+from cotlearn.homework.checks.common import Case, Cases, table
 
 
-@exercise("11.place")
-def place(answer: Any) -> None:
+@table("11.place")
+def place() -> Cases:
     """The mean place of a softmax over the cells of a grid."""
-    expect_function(answer)
-    generator = torch.Generator().manual_seed(0)
+    g = torch.Generator().manual_seed(0)
     for height, width in ((4, 4), (3, 7)):
-        h = 2 * torch.randn(5, height, width, generator=generator)
-        found = tensor(answer(h.clone()), (5, 2), "the places, x and y of each grid,")
-        down, right = torch.linspace(-1, 1, height), torch.linspace(-1, 1, width)
+        h = 2 * torch.randn(5, height, width, generator=g)
+        x, y = torch.linspace(-1, 1, width), torch.linspace(-1, 1, height)
         share = h.flatten(1).softmax(dim=1).view_as(h)
-        columns, rows = share.sum(dim=1), share.sum(dim=2)
-        mean = torch.stack([columns @ right, rows @ down], dim=1)
+        of_all = h.flatten().softmax(dim=0).view_as(h)
         largest = h.flatten(1).argmax(dim=1)
-        hard = torch.stack([right[largest % width], down[largest // width]], dim=1)
-        weighed = torch.stack([h.sum(dim=1) @ right, h.sum(dim=2) @ down], dim=1)
-        all_at_once = h.flatten().softmax(dim=0).view_as(h)
-        of_all = torch.stack([all_at_once.sum(dim=1) @ right, all_at_once.sum(dim=2) @ down], dim=1)
-        cells = torch.stack(
-            [columns @ torch.arange(width).float(), rows @ torch.arange(height).float()], dim=1
-        )
-        mistakes = [
-            (mean.flip(1), "y and x have changed places: columns are x, rows are y"),
-            (hard, "that is the strongest cell; its place jumps, and nothing can be learned by it"),
-            (weighed, "the values are not shares yet: softmax makes them positive and sum to 1"),
-            (of_all, "the shares of each grid sum to 1 by themselves: softmax over its cells only"),
-            (cells, "count places from -1 (left, top) to 1 (right, bottom)"),
-        ]
-        compare(found, mean, mistakes, "these are not the mean places of the softmax")
+        hard = torch.stack([x[largest % width], y[largest // width]], dim=1)
+        right = _mean(share, x, y)
+        cells = _mean(share, torch.arange(width).float(), torch.arange(height).float())
+        wrong = {
+            "y and x have changed places: columns are x, rows are y": right.flip(1),
+            "that is the strongest cell; its place jumps, and nothing can be learned by it": hard,
+            "the values are not shares yet: softmax makes them positive and sum to 1": (
+                _mean(h, x, y)
+            ),
+            "the shares of each grid sum to 1 by themselves: softmax over its cells only": (
+                _mean(of_all, x, y)
+            ),
+            "count places from -1 (left, top) to 1 (right, bottom)": cells,
+        }
+        hint = "these are not the mean places of the softmax"
+        yield Case((h,), right, wrong, hint, "the places, x and y of each grid,")
 
 
-@exercise("11.components")
-def components(answer: Any) -> None:
+def _mean(share: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    return torch.stack([share.sum(dim=1) @ x, share.sum(dim=2) @ y], dim=1)
+
+
+@table("11.components")
+def components() -> Cases:
     """(pixels - mean) basis^T, with the mean that was fitted."""
-    expect_function(answer)
-    generator = torch.Generator().manual_seed(1)
-    pixels = torch.rand(6, 20, generator=generator)
-    mean = torch.rand(20, generator=generator)
-    basis = torch.linalg.qr(torch.randn(20, 3, generator=generator)).Q.T.contiguous()
-    found = tensor(
-        answer(pixels.clone(), mean.clone(), basis.clone()), (6, 3), "the components, (n, 3),"
-    )
+    g = torch.Generator().manual_seed(1)
+    pixels, mean = torch.rand(6, 20, generator=g), torch.rand(20, generator=g)
+    basis = torch.linalg.qr(torch.randn(20, 3, generator=g)).Q.T.contiguous()
+    wrong = {
+        "that centres by the batch's own mean, the slip of the published code: the same picture "
+        "would have other components in another batch; use the fitted mean": (
+            (pixels - pixels.mean(dim=0)) @ basis.T
+        ),
+        "subtract the fitted mean first": pixels @ basis.T,
+        "the mean is subtracted, not added": (pixels + mean) @ basis.T,
+        "pixels minus mean, not mean minus pixels": (mean - pixels) @ basis.T,
+        "every pixel has a mean of its own: subtract the whole vector": (
+            (pixels - mean[:1]) @ basis.T
+        ),
+    }
+    hint = "these are not the components of the centred pixels"
     right = (pixels - mean) @ basis.T
-    mistakes = [
-        (
-            (pixels - pixels.mean(dim=0)) @ basis.T,
-            "that centres by the batch's own mean, the slip of the published code: the same "
-            "picture would have other components in another batch; use the fitted mean",
-        ),
-        (pixels @ basis.T, "subtract the fitted mean first"),
-        ((pixels + mean) @ basis.T, "the mean is subtracted, not added"),
-        ((mean - pixels) @ basis.T, "pixels minus mean, not mean minus pixels"),
-        (
-            (pixels - mean[:1]) @ basis.T,
-            "every pixel has a mean of its own: subtract the whole vector",
-        ),
-    ]
-    compare(found, right, mistakes, "these are not the components of the centred pixels")
+    yield Case((pixels, mean, basis), right, wrong, hint, "the components, (n, 3),")

@@ -7,71 +7,61 @@ from typing import Any
 import numpy as np
 import torch
 
-from cotlearn.homework.checks.common import compare, expect_function, tensor
-from cotlearn.homework.registry import NotYet, exercise
+from cotlearn.homework.checks.common import Array, Case, Cases, table
 
 
-@exercise("12.decide")
-def decide(answer: Any) -> None:
+@table("12.decide")
+def decide() -> Cases:
     """The best without skew, if it beats independent pairs by two standard errors."""
-    expect_function(answer)
     rng = np.random.default_rng(12)
     row = rng.gamma(4.0, 0.25, size=100)  # what every coupling finds hard
     noise = 0.02 * rng.normal(size=(3, 100))
     noise -= noise.mean(axis=1, keepdims=True)
-
-    def case(gains: dict[str, float]) -> dict[str, Any]:
-        others = {name: row - gain + noise[k] for k, (name, gain) in enumerate(gains.items())}
-        return {"independent": row, **others}
-
-    for scores, flagged, right in (
-        (case({"naive OT": 0.3, "COT": -0.1, "strata": 0.2}), {"naive OT"}, "strata"),
-        (case({"naive OT": 0.3, "COT": 0.05, "strata": 0.02}), {"naive OT"}, "COT"),
-        (case({"naive OT": 0.3, "COT": 0.001, "strata": -0.1}), {"naive OT"}, "independent"),
-        (case({"naive OT": 0.3}), {"naive OT"}, "independent"),
+    for gains, right in (
+        ({"naive OT": 0.3, "COT": -0.1, "strata": 0.2}, "strata"),
+        ({"naive OT": 0.3, "COT": 0.05, "strata": 0.02}, "COT"),
+        ({"naive OT": 0.3, "COT": 0.001, "strata": -0.1}, "independent"),
+        ({"naive OT": 0.3}, "independent"),
     ):
-        found = answer({name: values.copy() for name, values in scores.items()}, set(flagged))
-        if found == right:
-            continue
-        means = {name: float(values.mean()) for name, values in scores.items()}
-        clean = {name: mean for name, mean in means.items() if name not in flagged}
-        if found in flagged:
-            raise NotYet(f"{found} is flagged: leave those out first")
-        if found != "independent" and found == max(clean, key=lambda name: clean[name]):
-            raise NotYet("small scores are good")
-        if right == "independent":
-            raise NotYet(
-                f"{found} is not better than independent pairs by two standard errors: then stay "
-                "with independent"
-            )
-        if found == "independent":
-            raise NotYet(
-                f"{right} is better by many standard errors; take the standard error of the "
-                "differences row by row, std / sqrt(n): the rows are the same"
-            )
-        raise NotYet(f"expected {right!r}, got {found!r}")
+        others = {name: row - gain + noise[k] for k, (name, gain) in enumerate(gains.items())}
+        yield _decision({"independent": row, **others}, right)
 
 
-@exercise("12.guided")
-def guided(answer: Any) -> None:
+def _decision(scores: dict[str, Array], right: str) -> Case:
+    means = {name: values.mean() for name, values in scores.items() if name != "naive OT"}
+    worst = max(means, key=means.__getitem__)
+    wrong: dict[str, Any] = {"naive OT is flagged: leave it out first": "naive OT"}
+    if worst != "independent":
+        wrong["small scores are good"] = worst
+    if right != "independent":
+        wrong[
+            f"{right} is better by many standard errors; take the standard error of the "
+            "differences row by row, std / sqrt(n): the rows are the same"
+        ] = "independent"
+        return Case((scores, {"naive OT"}), right, wrong)
+    hint = (
+        "that is not better than independent pairs by two standard errors: then stay with "
+        "'independent'"
+    )
+    return Case((scores, {"naive OT"}), right, wrong, hint)
+
+
+@table("12.guided")
+def guided() -> Cases:
     """The velocity without the label, pushed on towards the one with it."""
-    expect_function(answer)
-    g = torch.Generator().manual_seed(12)
-    with_label, without = torch.randn(2, 6, 2, generator=g)
+    with_label, without = torch.randn(2, 6, 2, generator=torch.Generator().manual_seed(12))
+    step = with_label - without
     for scale in (2.5, 1.0, 0.0):
-        found = tensor(answer(with_label.clone(), without.clone(), scale), (6, 2), "the velocity")
-        right = without + scale * (with_label - without)
-        compare(
-            found,
-            right,
-            (
-                (with_label + scale * (with_label - without), "this is scale + 1: at scale 1 it "
-                 "must be the velocity with the label"),
-                (with_label + scale * (without - with_label), "scale 1 is the velocity with the "
-                 "label, and 0 the one without"),
-                (scale * with_label, "the velocity without the label is needed, too"),
-                (without + scale * with_label, "it is the difference of the two that is scaled"),
+        wrong = {
+            "this is scale + 1: at scale 1 it must be the velocity with the label": (
+                with_label + scale * step
             ),
-            f"at scale {scale} expected {right[0].tolist()} in the first row, got "
-            f"{found[0].tolist()}",
-        )  # fmt: skip
+            "scale 1 is the velocity with the label, and 0 the one without": (
+                with_label - scale * step
+            ),
+            "the velocity without the label is needed, too": scale * with_label,
+            "it is the difference of the two that is scaled": without + scale * with_label,
+        }
+        right = without + scale * step
+        hint = f"at scale {scale} expected {right[0].tolist()} in the first row"
+        yield Case((with_label, without, scale), right, wrong, hint, "the velocity")
