@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from cotlearn.couplings import Coupling, Independent
-from cotlearn.datasets import Dataset
+from cotlearn.datasets import Dataset, Standardiser
 from cotlearn.diagnostics import Recommendation, recommend
 from cotlearn.flows import VelocityMLP, fit, integrate
 from cotlearn.metrics import energy_scores
-from cotlearn.report.model import FewStepModel, Scale
+from cotlearn.report.model import FewStepModel
 from cotlearn.report.sources import Rows
 from cotlearn.validation import check_count
 
@@ -25,6 +26,7 @@ NFE = (1, 2, 4, 16)
 DRAWS, TEST_ROWS = 16, 1000  #: samples for each of so many held-out conditions
 NETWORK = {"width": 128, "depth": 3}
 BATCH = 256
+Index = NDArray[np.int64]
 NEAR = 0.01  #: scores that differ by less count as equal
 
 
@@ -81,53 +83,49 @@ class Findings:
 
     def verdict(self) -> str:
         """One paragraph: what the trained models say about the recommendation."""
-        free = self.trials[0]
-        if len(self.trials) == 1:
-            enough = next(n for n in NFE if free.at(n) <= free.at(NFE[-1]) * (1 + NEAR))
+        free, best = self.trials[0], self.trials[-1]
+        target = free.at(NFE[-1]) if best is free else best.at(1)
+        needed = next((n for n in NFE if free.at(n) <= target * (1 + NEAR)), None)
+        if best is free:
             return (
                 f"Independent pairs were trained: {free.at(1):.3g} at one evaluation (that is a "
-                f"regression), {free.at(NFE[-1]):.3g} at {NFE[-1]}; {enough} "
-                f"evaluation{'s' * (enough > 1)} are within 1 % of that."
+                f"regression), {target:.3g} at {NFE[-1]}; {needed} "
+                f"evaluation{'s are' if needed != 1 else ' is'} within 1 % of that."
             )
-        best = self.trials[-1]
         gain, error = self.gain(1)
         kept = "held" if gain > 2 * error else "was refuted" if gain < -2 * error else "is open"
-        needed = next((n for n in NFE if free.at(n) <= best.at(1) * (1 + NEAR)), None)
-        words = {None: f"do not get there with {NFE[-1]}", 1: "get there at once, too"}
-        more = words.get(needed, f"need {needed} evaluations for that")
+        words = {None: f"do not reach that with {NFE[-1]}", 1: "reach that with one, too"}
         late, late_error = self.gain(NFE[-1])
         ahead = best.name if late > 0 else "independent"
         shown = abs(late) > 2 * late_error
         cost = f"{ahead} is better by {abs(late):.2g}" if shown else "no difference shown"
         return (
-            f"The forecast {kept}: at one evaluation {best.name} scores {best.at(1):.3g}, "
+            f"The forecast {kept}: at one evaluation {best.name} scores {target:.3g}, "
             f"independent pairs {free.at(1):.3g}, a gain of {gain:.3g} (standard error "
-            f"{error:.2g}). Independent pairs {more}. At {NFE[-1]} evaluations: {cost}."
+            f"{error:.2g}). Independent pairs "
+            f"{words.get(needed, f'need {needed} evaluations for that')}. "
+            f"At {NFE[-1]} evaluations: {cost}."
         )
 
 
-def split(rows: Rows, *, seed: int = 0) -> tuple[Dataset, Dataset]:
-    """Three quarters of the groups to train on, and a quarter held out.
+def split(rows: Rows, *, seed: int = 0) -> tuple[Index, Index]:
+    """Rows to train on, of three quarters of the groups, and rows held out.
 
     Raises:
         ValueError: too few rows or groups.
     """
-    x1, c, n = rows.data.x1, rows.data.c, len(rows.data)
-    assert c is not None
-    groups = int(rows.group.max()) + 1
+    name, n, groups = rows.data.name, len(rows.data), int(rows.group.max()) + 1
     if groups < 4:
-        raise ValueError(f"{rows.data.name} has {groups} groups: at least 4 are needed to split")
+        raise ValueError(f"{name} has {groups} groups: at least 4 are needed to split")
     rng = np.random.default_rng(seed)
     out = np.isin(rows.group, rng.permutation(groups)[: groups // 4])
     inside, outside = (rng.permutation(np.flatnonzero(part)) for part in (~out, out))
     if n < FEWEST or len(inside) < 200 or len(outside) < 20:
         raise ValueError(
-            f"{rows.data.name} has {n} rows, {len(inside)} of them to train on: a report needs at "
+            f"{name} has {n} rows, {len(inside)} of them to train on: a report needs at "
             f"least {FEWEST} and 200; fewer do not tell couplings apart"
         )
-    first, second = inside[:MOST], outside[:TEST_ROWS]
-    name = rows.data.name
-    return Dataset(x1[first], c[first], name), Dataset(x1[second], c[second], name)
+    return inside[:MOST], outside[:TEST_ROWS]
 
 
 def examine(
@@ -138,7 +136,6 @@ def examine(
     pairs: int = 2048,
     seed: int = 0,
     checkpoints: Path | None = None,
-    progress: bool | None = None,
 ) -> Findings:
     """Look at the data, recommend a coupling, train it and independent pairs, score both.
 
@@ -149,30 +146,30 @@ def examine(
         pairs: rows of pairs that `recommend` looks at.
         seed: of everything.
         checkpoints: the beginning of a file name; trainings that were stopped resume from there.
-        progress: show bars; None: in terminals and notebooks.
 
     Raises:
         ValueError: too few rows, or data that do not vary.
     """
     check_count(steps, "steps")
-    train, test = split(rows, seed=seed)
-    scale = Scale.fit(train)
-    if not scale.x[1].any():
-        raise ValueError(f"{rows.data.name}: x1 does not vary, there is nothing to learn")
-    train, test = scale.into(train), scale.into(test)
-    assert train.c is not None
+    data, (inside, outside) = rows.data, split(rows, seed=seed)
+    assert data.c is not None  # `Rows` have conditions
+    x, c = Standardiser.fit(data.x1[inside]), Standardiser.fit(data.c[inside])
+    if not x.std.any():
+        raise ValueError(f"{data.name}: x1 does not vary, there is nothing to learn")
+    x1, condition = x(data.x1), c(data.c)
+    train, test = (Dataset(x1[part], condition[part], data.name) for part in (inside, outside))
     advice = recommend(
-        train.x1, train.c, rows=pairs, probe_steps=probe_steps, seed=seed, progress=progress
+        x1[inside], condition[inside], rows=pairs, probe_steps=probe_steps, seed=seed
     )
     couplings: dict[str, Coupling] = {"independent": Independent(), advice.name: advice.coupling}
+    g = torch.Generator().manual_seed(seed)
+    noise = torch.randn(DRAWS, *test.x1.shape, generator=g)  # the same for every network
     trials = []
     for name, coupling in couplings.items():
         about = {"coupling": repr(coupling), "data": rows.about, "network": NETWORK, "steps": steps}
         word = "independent" if name == "independent" else "recommended"
-        file = (
-            None
-            if checkpoints is None
-            else checkpoints.with_name(f"{checkpoints.name}.{word}.training.safetensors")
+        file = checkpoints and checkpoints.with_name(
+            f"{checkpoints.name}.{word}.training.safetensors"
         )
         network = fit(
             VelocityMLP(train.dim, train.condition_dim, seed=seed, **NETWORK),
@@ -182,23 +179,9 @@ def examine(
             batch_size=BATCH,
             seed=seed,
             checkpoint=file,
-            progress=progress,
         ).network
-        model = FewStepModel(network, scale, about)
-        trials.append(Trial(name, coupling.name, held_out_scores(network, test, seed), model))
+        samples = [[integrate(network, z, test.c, nfe=n).x1 for z in noise] for n in NFE]
+        scores = torch.stack([energy_scores(torch.stack(drawn), test.x1) for drawn in samples])
+        trials.append(Trial(name, coupling.name, scores, FewStepModel(network, x, c, about)))
     settings = {"seed": seed, "steps": steps, "probe_steps": probe_steps, "pairs": pairs}
     return Findings(rows, train, test, advice, tuple(trials), settings)
-
-
-def held_out_scores(network: Any, test: Dataset, seed: int) -> Tensor:
-    """Energy scores (NFE, n): the same noise for every network."""
-    assert test.c is not None
-    g = torch.Generator().manual_seed(seed)
-    noise = torch.randn(DRAWS, *test.x1.shape, generator=g)
-    c = test.c
-    return torch.stack(
-        [
-            energy_scores(torch.stack([integrate(network, z, c, nfe=n).x1 for z in noise]), test.x1)
-            for n in NFE
-        ]
-    )

@@ -9,42 +9,10 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from cotlearn.datasets import Dataset
+from cotlearn.datasets import Standardiser
 from cotlearn.flows import VelocityMLP, integrate
 from cotlearn.storage import load_tensors, save_tensors
 from cotlearn.validation import check_condition, check_matrix
-
-
-@dataclass(frozen=True)
-class Scale:
-    """Columns of x1 and c to mean 0 and standard deviation 1, and back; as the training rows say.
-
-    Attributes:
-        x: (2, d), mean and standard deviation of x1; where it does not vary, 0.
-        c: (2, k), of c.
-    """
-
-    x: Tensor
-    c: Tensor
-
-    @classmethod
-    def fit(cls, data: Dataset) -> Scale:
-        """The scale of these rows."""
-        assert data.c is not None
-        return cls(_moments(data.x1), _moments(data.c))
-
-    def into(self, data: Dataset) -> Dataset:
-        """Rows in standard units."""
-        assert data.c is not None
-        return Dataset(_scaled(data.x1, self.x), self.condition(data.c), data.name)
-
-    def condition(self, c: Tensor) -> Tensor:
-        """Conditions in standard units."""
-        return _scaled(c, self.c)
-
-    def out(self, x: Tensor) -> Tensor:
-        """Samples in the units of the data."""
-        return self.x[0] + self.x[1] * x
 
 
 @dataclass(frozen=True)
@@ -53,26 +21,30 @@ class FewStepModel:
 
     Attributes:
         network: the velocity, in standard units.
-        scale: between the two.
+        x: between the two, for x1.
+        c: the same for conditions.
         about: coupling, data, versions; JSON-compatible.
     """
 
     network: nn.Module
-    scale: Scale
+    x: Standardiser
+    c: Standardiser
     about: dict[str, Any]
 
     def sample(
         self, c: Tensor, *, nfe: int = 1, generator: torch.Generator | None = None
     ) -> Tensor:
         """One x1 (n, d) for each row of c (n, k), by `nfe` Euler steps."""
-        c = check_matrix(check_condition(c), "c", columns=self.scale.c.shape[1])
-        x0 = torch.randn(len(c), self.scale.x.shape[1], generator=generator)
-        return self.scale.out(integrate(self.network, x0, self.scale.condition(c), nfe=nfe).x1)
+        c = check_matrix(check_condition(c), "c", columns=len(self.c.mean))
+        x0 = torch.randn(len(c), len(self.x.mean), generator=generator)
+        x1: Tensor = self.x.inverse(integrate(self.network, x0, self.c(c), nfe=nfe).x1)
+        return x1
 
     def save(self, path: str | Path) -> None:
         """Write a safetensors file, atomically."""
         tensors = {f"network.{k}": v for k, v in self.network.state_dict().items()}
-        tensors |= {"scale.x": self.scale.x, "scale.c": self.scale.c}
+        for name, scale in (("x", self.x), ("c", self.c)):
+            tensors[f"scale.{name}"] = torch.stack([scale.mean, scale.std])
         save_tensors(path, tensors, self.about)
 
     @classmethod
@@ -85,25 +57,9 @@ class FewStepModel:
         """
         tensors, about = load_tensors(path)
         try:
-            scale = Scale(tensors["scale.x"], tensors["scale.c"])
-            network = VelocityMLP(scale.x.shape[1], scale.c.shape[1], **about["network"])
-            weights = {
-                name.removeprefix("network."): value
-                for name, value in tensors.items()
-                if name.startswith("network.")
-            }
-            network.load_state_dict(weights)
+            x, c = (Standardiser(*tensors.pop(f"scale.{name}")) for name in "xc")
+            network = VelocityMLP(len(x.mean), len(c.mean), **about["network"])
+            network.load_state_dict({k.removeprefix("network."): v for k, v in tensors.items()})
         except (KeyError, TypeError, RuntimeError) as error:
             raise ValueError(f"{path} is no few-step model of a report: {error}") from error
-        return cls(network.eval(), scale, about)
-
-
-def _moments(values: Tensor) -> Tensor:
-    varies = (values != values[0]).any(dim=0)
-    deviation = torch.where(varies, values.std(dim=0, unbiased=False), 0)
-    return torch.stack([values.mean(dim=0), deviation])
-
-
-def _scaled(values: Tensor, moments: Tensor) -> Tensor:
-    mean, deviation = moments
-    return torch.where(deviation > 0, (values - mean) / deviation.clamp(min=1e-30), 0.0)
+        return cls(network.eval(), x, c, about)

@@ -6,22 +6,21 @@ import base64
 import importlib.metadata
 import io
 import platform
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import jinja2
 import matplotlib as mpl
-import matplotlib.pyplot as plt
 import torch
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-import cotlearn
 from cotlearn import plots
 from cotlearn.files import write_text
 from cotlearn.report.findings import NFE, Findings
 
-PACKAGES = ("torch", "numpy", "scipy", "scikit-learn", "POT")
+PACKAGES = ("cotlearn", "torch", "numpy", "scipy", "scikit-learn", "POT")
 
 
 def write_page(
@@ -38,92 +37,49 @@ def write_page(
     Returns:
         The path.
     """
-    path = Path(path)
     source = resources.files("cotlearn.report").joinpath("page.html").read_text("utf-8")
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    advice, rows, train = findings.advice, findings.rows, findings.train
     text = environment.from_string(source).render(
-        **tables(findings),
-        frontier_figure=_figure(findings, _frontier),
-        score_figure=_figure(findings, _scores),
-        command=command,
-        model=None if model is None else Path(model).name,
-    )
-    write_text(path, text)
-    return path
-
-
-def tables(findings: Findings) -> dict[str, Any]:
-    """All words and numbers of the page."""
-    advice, rows = findings.advice, findings.rows
-    free = advice.frontier["independent"]
-    points = [
-        {
-            "name": p.name,
-            "skew": f"{p.skew:.3f}",
-            "flagged": "yes" if p.flagged else "no",
-            "explained": "-" if p.linear_skew is None else f"{100 * p.linear_skew.explained:.1f} %",
-            "variance": f"{p.one_step_variance:.3g}",
-            "score": f"{p.one_step_score:.3f}",
-            "gain": f"{100 * (1 - p.one_step_score / free.one_step_score):+.1f} %",
-            "candidates": f"{p.candidates:.0f}",
-            "chosen": p.name == advice.name,
-        }
-        for p in advice.frontier
-    ]
-    trials = [{"name": t.name, "scores": [f"{t.at(n):.3f}" for n in NFE]} for t in findings.trials]
-    gains = []
-    if len(findings.trials) > 1:
-        for n in NFE:
-            gain, error = findings.gain(n)
-            gains.append(f"{gain:+.3f} ± {1.96 * error:.3f}")
-    versions = {name: importlib.metadata.version(name) for name in PACKAGES}
-    return {
-        "name": rows.data.name,
-        "about": rows.about,
-        "facts": {
-            "rows to train on": len(findings.train),
+        name=rows.data.name,
+        about=rows.about,
+        facts={
+            "rows to train on": len(train),
             "rows held out": len(findings.test),
-            "numbers in x1": findings.train.dim,
-            "numbers in c": findings.train.condition_dim,
-            "distinct conditions": len(torch.unique(findings.train.c, dim=0)),
+            "numbers in x1": train.dim,
+            "numbers in c": train.condition_dim,
+            "distinct conditions": len(torch.unique(train.c, dim=0)),
             "groups that stay together": int(rows.group.max()) + 1,
         },
-        "between": f"{100 * advice.spread.between_share:.0f}",
-        "within": f"{100 - 100 * advice.spread.between_share:.0f}",
-        "choice": advice.name,
-        "reason": advice.reason,
-        "verdict": findings.verdict(),
-        "points": points,
-        "nfe": NFE,
-        "trials": trials,
-        "gains": gains,
-        "settings": findings.settings,
-        "versions": {
-            "cotlearn": getattr(cotlearn, "__version__", importlib.metadata.version("cotlearn")),
-            "python": platform.python_version(),
-            **versions,
-        },
-    }
+        advice=advice,
+        free=advice.frontier["independent"],
+        nfe=NFE,
+        trials=findings.trials,
+        gains=[findings.gain(n) for n in NFE] if len(findings.trials) > 1 else [],
+        verdict=findings.verdict(),
+        frontier_figure=_figure(lambda ax: plots.frontier(advice.frontier, ax=ax)),
+        score_figure=_figure(lambda ax: _scores(findings, ax)),
+        command=command,
+        model=None if model is None else Path(model).name,
+        settings=findings.settings,
+        versions={"python": platform.python_version()}
+        | {name: importlib.metadata.version(name) for name in PACKAGES},
+    )
+    write_text(path, text)
+    return Path(path)
 
 
-def _figure(findings: Findings, draw: Any) -> str:
+def _figure(draw: Callable[[Axes], object]) -> str:
     """A PNG as text, drawn in the style of the course without changing the caller's."""
     with mpl.rc_context():
         plots.use_style()
-        figure, ax = plt.subplots(figsize=(6.4, 4.2), layout="constrained")
-        try:
-            draw(findings, ax)
-            file = io.BytesIO()
-            figure.savefig(file, format="png", dpi=130, facecolor="white")
-        finally:
-            plt.close(figure)
+        figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+        draw(figure.subplots())
+        file = io.BytesIO()
+        figure.savefig(file, format="png", dpi=130, facecolor="white")
     return base64.b64encode(file.getvalue()).decode("ascii")
-
-
-def _frontier(findings: Findings, ax: Axes) -> None:
-    plots.frontier(findings.advice.frontier, ax=ax)
 
 
 def _scores(findings: Findings, ax: Axes) -> None:

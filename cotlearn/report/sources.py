@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
 
 from cotlearn.datasets import Dataset
 from cotlearn.robots.episodes.lerobot import ACTION, AGENT, BLOCK, read_frames
 from cotlearn.robots.episodes.replay import read_buffer
-from cotlearn.validation import check_count
+from cotlearn.validation import check_count, check_matrix, check_same_rows
 
 MOST_LABELS = 64  #: distinct values of a vector of labels
 EXPECTED = "an .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr"
@@ -86,29 +87,24 @@ def from_arrays(
         TypeError: an array does not hold numbers.
         ValueError: shapes do not match, or values are not finite; says which and where.
     """
-    numbers = _numbers(x1, "x1", name)
-    condition = np.asarray(c)
+    numbers, condition = _numbers(x1, "x1"), np.asarray(c)
     if condition.ndim == 1 and condition.dtype.kind in "UiubS":
         found, index = np.unique(condition, return_inverse=True)
         if len(found) > MOST_LABELS:
             raise ValueError(
-                f"{name}: c is a vector of {len(found)} different labels, at most {MOST_LABELS} "
-                "are taken; if these are numbers, store them as floating point"
+                f"c is a vector of {len(found)} different labels, at most {MOST_LABELS} are taken; "
+                "if these are numbers, store them as floating point"
             )
-        condition = np.eye(len(found))[index]
+        data = Dataset(numbers, torch.eye(len(found))[index], name)
         words = f"{len(found)} labels"
     else:
-        condition = _numbers(condition, "c", name)
-        words = f"conditions of {condition.shape[1]} numbers"
-    if len(condition) != len(numbers):
-        raise ValueError(f"{name}: x1 has {len(numbers)} rows, c has {len(condition)}")
-    together = np.arange(len(numbers)) if group is None else np.asarray(group)
-    if together.shape != (len(numbers),):
-        raise ValueError(f"{name}: group must have shape ({len(numbers)},), got {together.shape}")
+        data = Dataset(numbers, _numbers(condition, "c"), name)
+        words = f"conditions of {data.condition_dim} numbers"
+    together = np.arange(len(data)) if group is None else np.asarray(group)
+    if together.shape != (len(data),):
+        raise ValueError(f"group must have shape ({len(data)},), got {together.shape}")
     _, together = np.unique(together, return_inverse=True)
-    x, y = (torch.from_numpy(values).float() for values in (numbers, condition))
-    about = f"{len(x)} rows of {x.shape[1]} numbers, {words}"
-    return Rows(Dataset(x, y, name), together.astype(np.int64), about)
+    return Rows(data, together, f"{len(data)} rows of {data.dim} numbers, {words}")
 
 
 def from_episodes(
@@ -133,13 +129,11 @@ def from_episodes(
         predict: actions in x1.
         name: how to call it.
     """
-    seen, done = _numbers(state, "state", name), _numbers(action, "action", name)
-    if len(seen) != len(done):
-        raise ValueError(f"{name}: state has {len(seen)} rows, action has {len(done)}")
-    last = np.asarray(ends)
+    seen, done, last = _numbers(state, "state"), _numbers(action, "action"), np.asarray(ends)
+    check_same_rows(seen, "state", done, "action")
     rising = last.ndim == 1 and last.dtype.kind in "iu" and len(last) > 0
     if not rising or last[-1] != len(seen) or (np.diff(last.astype(int), prepend=0) < 1).any():
-        raise ValueError(f"{name}: ends must rise to the number of rows {len(seen)}, got {last}")
+        raise ValueError(f"ends must rise to the number of rows {len(seen)}, got {last}")
     check_count(observe, "observe")
     check_count(predict, "predict")
     first = np.concatenate([[0], last[:-1]])
@@ -152,39 +146,30 @@ def from_episodes(
     return Rows(rows.data, rows.group, about)
 
 
-def _numbers(value: ArrayLike, what: str, name: str) -> NDArray[np.float64]:
+def _numbers(value: ArrayLike, name: str) -> Tensor:
+    """Numbers as a finite float32 tensor (n, k)."""
     array = np.asarray(value)
     if array.dtype.kind not in "fiub":
-        raise TypeError(f"{name}: {what} must hold real numbers, got {array.dtype}")
-    if array.ndim == 0 or array.size == 0:
-        raise ValueError(f"{name}: {what} must have rows, got shape {array.shape}")
-    flat: NDArray[np.float64] = array.reshape(len(array), -1).astype(np.float64)
-    with np.errstate(over="ignore"):
-        good = np.isfinite(flat.astype(np.float32)).all(axis=1)
-    if not good.all():
-        raise ValueError(
-            f"{name}: {what} has NaN or infinite values in {int((~good).sum())} of {len(flat)} "
-            f"rows, the first is row {int(np.flatnonzero(~good)[0])}"
-        )
-    return flat
+        raise TypeError(f"{name} must hold real numbers, got {array.dtype}")
+    if array.size == 0 or array.ndim == 0:
+        raise ValueError(f"{name} must have rows, got shape {array.shape}")
+    rows = torch.from_numpy(array.reshape(len(array), -1).astype(np.float64))
+    return check_matrix(rows.float(), name)
 
 
 def _read_npz(path: Path) -> Rows:
     try:
         with np.load(path, allow_pickle=False) as stored:
-            names = stored.files
-            missing = [key for key in ("x1", "c") if key not in names]
+            missing = [key for key in ("x1", "c") if key not in stored]
             if missing:
                 raise ValueError(
-                    f"{path} has no array {' and no array '.join(missing)}; it has {names}"
+                    f"{path} has no array {' and no array '.join(missing)}; it has {stored.files}"
                 )
-            arrays = {key: stored[key] for key in ("x1", "c", "group") if key in names}
+            arrays = {key: stored[key] for key in ("x1", "c", "group") if key in stored}
     except (zipfile.BadZipFile, EOFError, OSError) as error:
         raise ValueError(f"{path} is damaged or no .npz file: {error}") from error
     except ValueError as error:
-        if "allow_pickle" in str(error):
-            raise TypeError(
-                f"{path} holds Python objects, which are not read: store arrays of numbers"
-            ) from error
-        raise
+        if "allow_pickle" not in str(error):
+            raise
+        raise TypeError(f"{path} holds Python objects, not only arrays of numbers") from error
     return from_arrays(**arrays, name=path.name)

@@ -7,7 +7,6 @@ import torch
 
 from array_cases.base import PETALS, X0, X1, C, N, add, g, labels, rows
 from cotlearn import datasets, flows, gaussian, mixtures, report
-from cotlearn.report.model import Scale
 
 DATA = datasets.Dataset(rows(40, seed=3), labels(40))
 LINEAR = gaussian.LinearGaussian.example()
@@ -54,8 +53,12 @@ add("gaussian.bures_squared", gaussian.bures_squared, first=SPD, second=np.eye(2
 
 # --- data of one's own ---
 
-_scale = Scale(torch.ones(2, 2), torch.ones(2, 3))
-_few = report.FewStepModel(flows.VelocityMLP(2, 3, width=8, depth=1, seed=0), _scale, {})
+_few = report.FewStepModel(
+    flows.VelocityMLP(2, 3, width=8, depth=1, seed=0),
+    datasets.Standardiser(torch.ones(2), torch.ones(2)),
+    datasets.Standardiser(torch.ones(3), torch.ones(3)),
+    {},
+)
 add("report.FewStepModel.sample", lambda c: _few.sample(c, generator=g()), c=C)
 add("report.from_arrays", report.from_arrays, x1=X1.numpy(), c=C.numpy(), group=np.arange(N))
 add(

@@ -123,7 +123,7 @@ def test_a_lerobot_folder_without_states(tmp_path):
     [
         ({"x1": numbers(3, 2)}, ValueError, "no array c; it has"),
         ({"x1": numbers(3, 2), "c": numbers(4)}, ValueError, "x1 has 3 rows, c has 4"),
-        ({"x1": np.full((3, 2), np.nan), "c": numbers(3)}, ValueError, "x1 has NaN .* row 0"),
+        ({"x1": np.full((3, 2), np.nan), "c": numbers(3)}, ValueError, "x1 has NaN"),
         ({"x1": np.full((3, 2), 1e300), "c": numbers(3)}, ValueError, "x1 has NaN or infinite"),
         ({"x1": np.array(["a"] * 3), "c": numbers(3)}, TypeError, "x1 must hold real numbers"),
         ({"x1": numbers(0, 2), "c": numbers(0)}, ValueError, "x1 must have rows"),
