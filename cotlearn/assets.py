@@ -10,7 +10,6 @@ import difflib
 import hashlib
 import re
 import shutil
-from functools import cache
 from pathlib import Path
 
 from cotlearn.files import write_text
@@ -57,14 +56,12 @@ def find_notebook(name: str) -> Path:
     path = Path(name).expanduser()
     if path.suffix == ".ipynb" and path.is_file():
         return path
-    available = {item.stem: item for item in notebooks()}
     stem = path.name.removesuffix(".ipynb")
-    in_course = str(path.parent) in {".", "notebooks"}
-    if in_course and stem in available:
-        return available[stem]
-    numbered = [item for key, item in available.items() if key.split("_")[0] == stem.zfill(2)]
-    if in_course and stem.isdigit() and len(numbered) == 1:
-        return numbered[0]
+    available = {item.stem: item for item in notebooks()}
+    if str(path.parent) in {".", "notebooks"}:
+        for key, item in available.items():
+            if stem == key or (stem.isdigit() and int(stem) == int(key[:2])):
+                return item
     raise ValueError(_not_found("notebook", name, list(available), wanted=stem))
 
 
@@ -82,19 +79,17 @@ def find_data(name: str) -> Path:
         ValueError: If there is no such file, `name` leads out of the folder, or the file is
             damaged.
     """
-    folder = data_folder()
-    path = (folder / name).resolve()
-    if path.is_file() and path.is_relative_to(folder):
-        listed = path.relative_to(folder).as_posix()
-        expected = sums().get(listed)
-        if expected is not None and _sha256(path) != expected:
-            raise ValueError(
-                f"data/{listed} is damaged: its SHA-256 is not the one in data/{SUMS}; to get the "
-                f"file again: {remedy(listed)}"
-            )
-        return path
-    files = [item.relative_to(folder).as_posix() for item in folder.rglob("*") if item.is_file()]
-    raise ValueError(_not_found("data file", name, sorted(files), wanted=name))
+    files = _data_files()
+    path = (data_folder() / name).resolve()
+    listed = next((key for key, file in files.items() if file == path), None)
+    if listed is None:
+        raise ValueError(_not_found("data file", name, sorted(files), wanted=name))
+    if sums().get(listed) not in (None, _sha256(path)):
+        raise ValueError(
+            f"data/{listed} is damaged: its SHA-256 is not the one in data/{SUMS}; to get the "
+            f"file again: {remedy(listed)}"
+        )
+    return path
 
 
 def data_folder() -> Path:
@@ -111,9 +106,9 @@ def sums() -> dict[str, str]:
 
 def measured_sums() -> dict[str, str]:
     """Returns the SHA-256 that each file of `data/` has, except results, texts and hidden files."""
-    folder = data_folder()
-    names = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
-    return {name: _sha256(folder / name) for name in sorted(names) if _has_sum(name)}
+    without = re.compile(r"results/.*|.*\.md|(.*/)?\..*|" + SUMS)
+    found = sorted(_data_files().items())
+    return {name: _sha256(path) for name, path in found if not without.fullmatch(name)}
 
 
 def write_sums() -> Path:
@@ -131,21 +126,14 @@ def remedy(name: str) -> str:
     return "pip install --force-reinstall --no-deps cotlearn"
 
 
-def _has_sum(name: str) -> bool:
-    folder, *rest = name.split("/")
-    hidden = any(part.startswith(".") for part in (folder, *rest))
-    return not (hidden or folder == "results" or name == SUMS or name.endswith(".md"))
+def _data_files() -> dict[str, Path]:
+    folder = data_folder()
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): path for path in files}
 
 
 def _sha256(path: Path) -> str:
-    state = path.stat()
-    return _sha256_of(path, state.st_size, state.st_mtime_ns)
-
-
-@cache
-def _sha256_of(path: Path, size: int, changed: int) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
@@ -163,8 +151,8 @@ def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"folder must be a directory, got the file {folder}")
     folder.mkdir(parents=True, exist_ok=True)
-    copied, kept = [], []
     homework = sorted((course_folder() / "notebooks" / "homework" / "student").glob("*.ipynb"))
+    copied, kept = [], []
     for source in [*notebooks(), *homework]:
         target = folder / source.name
         if target.exists():
