@@ -24,13 +24,12 @@ import hashlib
 import json
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
 import time
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
@@ -50,7 +49,7 @@ CELL_TIMEOUT = 300
 
 
 class Problem(Exception):
-    """Something the user has to mend; the message says how."""
+    """Something the user has to fix; the message says how."""
 
 
 # --- set-up -----------------------------------------------------------------------------------
@@ -208,7 +207,7 @@ def announce_download(torch_is_there: bool) -> None:
         return
     say(f"Setting up in {VENV} (once; about {DOWNLOAD} GB to download, {DISK:.0f} GB on disk).")
     if sys.platform == "linux":
-        python = shlex_quote(str(venv_python()))
+        python = shlex.quote(str(venv_python()))
         say(
             "Note: on Linux, the torch that pip finds by itself usually carries the CUDA\n"
             f"libraries, about {DOWNLOAD_CUDA} GB more to download. The course does not use them.\n"
@@ -362,133 +361,44 @@ def call(command: list[str], **environment: str) -> int:
 # --- test -------------------------------------------------------------------------------------
 
 
-class Stage(NamedTuple):
-    """One part of the tests: its name, its command, and where pytest leaves its report."""
-
-    name: str
-    command: list[str]
-    report: Path | None = None
-
-
-class Counts(NamedTuple):
-    """What pytest counted."""
-
-    passed: int = 0
-    failed: int = 0
-    skipped: int = 0
-    errors: int = 0
-
-    def plus(self, other: Counts) -> Counts:
-        """Returns the sum."""
-        return Counts(*(a + b for a, b in zip(self, other)))
-
-
-def stages(python: Path) -> list[Stage]:
-    """Returns all parts of the tests, in order."""
-    run = [str(python), "-m"]
-    unit, notebooks = BUILD / "test" / "unit.xml", BUILD / "test" / "notebooks.xml"
-    two_at_a_time = ["-n", "2", "--dist", "loadfile", "-q"]
-    nbval = ["--nbval-lax", "--nbval-current-env", f"--nbval-cell-timeout={CELL_TIMEOUT}"]
-    return [
-        Stage("lint", [*run, "ruff", "check", "."]),
-        Stage("format", [*run, "ruff", "format", "--check", "."]),
-        Stage("types", [*run, "mypy"]),
-        Stage("floors", [str(python.parent / "lint-imports")]),
-        Stage("unit tests", [*run, "pytest", *two_at_a_time, f"--junitxml={unit}"], unit),
-        Stage(
-            "notebooks",
-            [*run, "pytest", *two_at_a_time, f"--junitxml={notebooks}", *nbval, "notebooks"],
-            notebooks,
-        ),
-    ]
-
-
 def test(python: Path, extra: list[str]) -> int:
-    """Runs lint, types, unit tests and every notebook; goes on after a failure.
+    """Runs lint, types and import rules, then every test and every notebook in one pytest run.
 
-    The last line is in the form of pytest's own, with the sum of both of its runs.
+    It goes on after a failure. The last line is pytest's own; what failed before stands above it.
     """
     if extra:
         raise Problem(f"test takes no more words, got: {' '.join(extra)}")
-    shutil.rmtree(str(BUILD / "test"), ignore_errors=True)
-    (BUILD / "test").mkdir(parents=True)
-    environment = {
-        **tools_first(),
-        "COTLEARN_PROGRESS": "0",
-        "OMP_NUM_THREADS": "1",
-        "PYDEVD_DISABLE_FILE_VALIDATION": "1",
-    }
-    start = time.monotonic()
-    results: list[tuple[str, int, float]] = []
-    counts = Counts()
-    for stage in stages(python):
-        print(f"\n=== {stage.name} " + "=" * (90 - len(stage.name)), flush=True)
-        began = time.monotonic()
-        code = call(stage.command, **environment)
+    run = [str(python), "-m"]
+    failed = []
+    for name, command in {
+        "lint": [*run, "ruff", "check", "."],
+        "format": [*run, "ruff", "format", "--check", "."],
+        "types": [*run, "mypy"],
+        "import rules": [str(python.parent / "lint-imports")],
+    }.items():
+        heading(name)
+        code = call(command, **tools_first())
         if code == 130:
             return code
-        if stage.report is not None:
-            found = read_counts(stage.report)
-            # pytest broke off before it could report: that is an error, not "nothing failed"
-            counts = counts.plus(found or Counts(errors=1))
-            if found and code == 0 and found.passed == 0:
-                code = 5
-        results.append((stage.name, code, time.monotonic() - began))
-    report(results, notebook_times(BUILD / "test" / "notebooks.xml"))
-    seconds = time.monotonic() - start
-    print(closing_line(counts, seconds), flush=True)
-    return 1 if any(code for _, code, _ in results) else 0
+        failed += [name] if code else []
+    heading("tests and notebooks")
+    # A file of tests or a notebook goes to one of two workers, in the order of tests/conftest.py.
+    pytest = [*run, "pytest", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder"]
+    pytest += ["--nbval-lax", "--nbval-current-env", f"--nbval-cell-timeout={CELL_TIMEOUT}"]
+    code = call(
+        [*pytest, "notebooks", "tests"],
+        **tools_first(),
+        COTLEARN_FAILED=", ".join(failed),
+        COTLEARN_PROGRESS="0",
+        OMP_NUM_THREADS="1",
+        PYDEVD_DISABLE_FILE_VALIDATION="1",
+    )
+    return 130 if code == 130 else int(code != 0 or bool(failed))
 
 
-def report(results: list[tuple[str, int, float]], times: dict[str, float]) -> None:
-    """Prints how each stage ended and how long each notebook took."""
-    print("\nstage            result   seconds")
-    for name, code, seconds in results:
-        print(f"{name:<16} {'passed' if code == 0 else 'FAILED':<8} {seconds:7.1f}")
-    if times:
-        print("\nnotebook (two at a time)             seconds")
-        for name, seconds in times.items():
-            print(f"{name:<36} {seconds:7.1f}")
-    broken = [name for name, code, _ in results if code]
-    print(f"\nfailed: {', '.join(broken)}" if broken else "\nEvery stage passed.")
-
-
-def read_counts(path: Path) -> Counts | None:
-    """Reads what pytest counted from its report; None if there is no whole report."""
-    try:
-        suites = list(ElementTree.parse(str(path)).getroot().iter("testsuite"))
-    except (OSError, ElementTree.ParseError):
-        return None
-    total = Counts()
-    for suite in suites:
-        tests, failed, skipped, errors = (
-            int(suite.get(key, "0")) for key in ("tests", "failures", "skipped", "errors")
-        )
-        total = total.plus(Counts(tests - failed - skipped - errors, failed, skipped, errors))
-    return total
-
-
-def notebook_times(path: Path) -> dict[str, float]:
-    """Sums the seconds of each notebook's cells from pytest's report."""
-    times: dict[str, float] = {}
-    try:
-        cases = ElementTree.parse(str(path)).getroot().iter("testcase")
-    except (OSError, ElementTree.ParseError):
-        return {}
-    for case in cases:
-        name = case.get("classname", "").split(".")
-        key = next((part for part in name if part[:2].isdigit()), ".".join(name))
-        times[key] = times.get(key, 0.0) + float(case.get("time", "0"))
-    return dict(sorted(times.items()))
-
-
-def closing_line(counts: Counts, seconds: float) -> str:
-    """Returns a line like pytest's last one."""
-    words = [f"{counts.failed} failed"] if counts.failed else []
-    words += [f"{counts.passed} passed"]
-    words += [f"{counts.skipped} skipped"] if counts.skipped else []
-    words += [f"{counts.errors} error{'s' * (counts.errors > 1)}"] if counts.errors else []
-    return f" {', '.join(words)} in {seconds:.2f}s ".center(80, "=")
+def heading(name: str) -> None:
+    """Prints a line that a part of the tests begins with."""
+    say(f"\n=== {name} " + "=" * (74 - len(name)))
 
 
 # --- command line -----------------------------------------------------------------------------
@@ -497,11 +407,6 @@ def closing_line(counts: Counts, seconds: float) -> str:
 def say(message: str) -> None:
     """Prints at once, also into a pipe."""
     print(message, flush=True)
-
-
-def shlex_quote(text: str) -> str:
-    """Quotes a path for a shell if it needs it."""
-    return f'"{text}"' if " " in text else text
 
 
 COMMANDS = {

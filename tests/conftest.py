@@ -1,8 +1,31 @@
+import os
+
 import numpy as np
 import pytest
 
 from cotlearn.robots.episodes import Episodes
 from cotlearn.robots.push_t import Simulation, random_state
+
+
+def pytest_collection_modifyitems(items):
+    """Notebooks first, then files with slow tests: what is long must not begin at the end."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: (item.path.suffix != ".ipynb", item.path not in slow))
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Tells how long each notebook took, and which parts of `make test` failed before."""
+    seconds = {}
+    for report in (r for reports in terminalreporter.stats.values() for r in reports):
+        path = getattr(report, "nodeid", "").partition("::")[0]
+        if path.endswith(".ipynb"):
+            seconds[path] = seconds.get(path, 0) + getattr(report, "duration", 0)
+    if seconds:
+        terminalreporter.section("notebooks, seconds")
+    for path, total in sorted(seconds.items()):
+        terminalreporter.line(f"{path:<60} {total:7.1f}")
+    if os.environ.get("COTLEARN_FAILED"):
+        terminalreporter.section(f"FAILED before: {os.environ['COTLEARN_FAILED']}", red=True)
 
 
 @pytest.fixture(scope="session")

@@ -1,9 +1,14 @@
 import importlib.util
 import json
+import os
+import re
+import subprocess
 import sys
 from pathlib import Path
 
+import nbformat
 import pytest
+from nbformat.v4 import new_code_cell, new_notebook
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -141,11 +146,11 @@ def test_disk_and_download(script, monkeypatch, capsys):
 def test_a_problem_ends_without_a_traceback(script, monkeypatch, capsys):
 
     def fail():
-        raise script.Problem("mend this")
+        raise script.Problem("fix this")
 
     monkeypatch.setattr(script, "set_up", fail)
     assert script.main(["lab"]) == 1
-    assert "mend this" in capsys.readouterr().err
+    assert "fix this" in capsys.readouterr().err
 
 
 def test_unknown_command_and_help(script, capsys):
@@ -165,52 +170,68 @@ def test_nothing_of_the_users_python_leaks_in(script, monkeypatch):
     assert environment["EXTRA"] == "1"
 
 
-REPORT = """<testsuites><testsuite tests="{tests}" failures="{failed}" skipped="1" errors="0">
-<testcase classname="notebooks.00_start_here.ipynb" name="::Cell 0" time="1.5"/>
-<testcase classname="notebooks.00_start_here.ipynb" name="::Cell 1" time="2.0"/>
-</testsuite></testsuites>"""
-
-
 @pytest.fixture
-def outcome(script, monkeypatch, capsys):
-    """Runs `test` with stages that end as told, and returns its exit status and output."""
+def outcome(script, monkeypatch):
+    """Runs `test` with commands that end as told; returns its exit status and the commands."""
 
-    def run(codes, failed=0, reports=True):
+    def run(**codes):
+        seen = []
+
         def call(command, **environment):
-            assert environment["COTLEARN_PROGRESS"] == "0"
-            assert environment["OMP_NUM_THREADS"] == "1"
-            stage = next(item for item in script.stages(Path("python")) if item.command == command)
-            if stage.report and reports:
-                stage.report.write_text(REPORT.format(tests=10, failed=failed))
-            return codes.get(stage.name, 0)
+            seen.append((command, environment))
+            return next((code for word, code in codes.items() if word in str(command)), 0)
 
         monkeypatch.setattr(script, "call", call)
-        code = script.test(Path("python"), [])
-        return code, capsys.readouterr().out
+        return script.test(Path("python"), []), seen
 
     return run
 
 
-def test_all_stages_pass(outcome):
-    code, printed = outcome({})
+def test_all_parts_pass_and_pytest_runs_once_and_last(outcome):
+    code, seen = outcome()
     assert code == 0
-    assert " 18 passed, 2 skipped in " in printed.splitlines()[-1]
-    assert "Every stage passed." in printed
-    assert "00_start_here" in printed
-    assert "3.5" in printed
+    assert ["pytest" in command for command, _ in seen] == [False] * 4 + [True]
+    command, environment = seen[-1]
+    assert command[-2:] == ["notebooks", "tests"]
+    assert environment["COTLEARN_FAILED"] == ""
+    assert environment["COTLEARN_PROGRESS"] == "0"
+    assert environment["OMP_NUM_THREADS"] == "1"
 
 
-def test_every_stage_runs_though_one_failed(outcome):
-    code, printed = outcome({"lint": 1, "unit tests": 1}, failed=2)
+def test_every_part_runs_though_one_failed(outcome):
+    code, seen = outcome(mypy=1, imports=2)
     assert code == 1
-    assert "failed: lint, unit tests" in printed
-    assert " 4 failed, 14 passed, 2 skipped in " in printed.splitlines()[-1]
+    assert len(seen) == 5
+    assert seen[-1][1]["COTLEARN_FAILED"] == "types, import rules"
 
 
-def test_a_crash_of_pytest_counts_as_an_error(outcome):
-    code, printed = outcome({"unit tests": 3}, reports=False)
-    assert code == 1
-    assert " 0 passed, 2 errors in " in printed.splitlines()[-1]
+@pytest.mark.parametrize("status", [1, 3, 5, -9])  # failures, a crash, no tests, killed
+def test_a_pytest_that_does_not_pass_fails(outcome, status):
+    assert outcome(pytest=status)[0] == 1
+
+
+def test_an_interruption_ends_it_at_once(outcome):
+    code, seen = outcome(mypy=130)
+    assert (code, len(seen)) == (130, 3)
+    assert outcome(pytest=130)[0] == 130
+
+
+def test_the_closing_line_stays_the_last(tmp_path):
+    """A notebook and a test in one run, as `make test` does it, after a failure of lint."""
+    nbformat.write(new_notebook(cells=[new_code_cell("1 + 1")]), tmp_path / "00_tiny.ipynb")
+    (tmp_path / "test_tiny.py").write_text("def test_it():\n    pass\n")
+    conftest = (ROOT / "tests" / "conftest.py").read_text("utf-8")
+    (tmp_path / "conftest.py").write_text(conftest)
+    command = [sys.executable, "-m", "pytest", "--nbval-lax", "--nbval-current-env"]
+    environment = os.environ | {"COTLEARN_FAILED": "lint"}
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    lines = done.stdout.splitlines()
+    assert done.returncode == 0, done.stdout
+    assert " 2 passed in " in lines[-1]
+    assert any(re.match(r"00_tiny\.ipynb +\d+\.\d$", line) for line in lines)
+    assert any("FAILED before: lint" in line for line in lines)
 
 
 def test_the_real_stamp_is_plain_json(script, installs):
