@@ -47,10 +47,10 @@ def animate(
         for dot, array in zip(dots, arrays.values(), strict=True):
             dot.set_offsets(array[min(frame, times - 1)])
 
-    return animation(figure, draw, frames=times + 6)  # it stands still for six frames
+    return animation_of(figure, draw, frames=times + 6)  # it stands still for six frames
 
 
-def animation(figure: Figure, draw: Callable[[int], None], *, frames: int) -> FuncAnimation:
+def animation_of(figure: Figure, draw: Callable[[int], None], *, frames: int) -> FuncAnimation:
     """An animation of a figure, which is closed: a notebook would show its first frame as well."""
     made = FuncAnimation(figure, draw, frames=frames, interval=100, blit=False)
     plt.close(figure)

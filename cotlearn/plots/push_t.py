@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from cotlearn.plots._arrays import as_array
 from cotlearn.plots._canvas import open_plane, panels
-from cotlearn.plots.motion import animation
+from cotlearn.plots.motion import animation_of
 from cotlearn.plots.style import COLORS, CONDITION_MAP, SOURCE_COLOR
 from cotlearn.robots.push_t.geometry import corners
 from cotlearn.robots.push_t.task import AGENT_RADIUS, GOAL, SIZE
@@ -110,7 +110,7 @@ def push_t_animation(
             disc.center = state[:2]
 
     longest = max(map(len, arrays.values()))
-    return animation(figure, draw, frames=-(-(longest - 1) // every) + 1)
+    return animation_of(figure, draw, frames=-(-(longest - 1) // every) + 1)
 
 
 def _world(ax: Axes | None, title: str) -> Axes:
