@@ -26,19 +26,16 @@ def image_grid(images: ArrayLike | Any, *, row_labels: Sequence[str], title: str
     return _tile(tiles, 10, row_labels, inches=0.52, blank=-1, title=title, **look)
 
 
-def picture_grid(
-    pictures: ArrayLike | Any, *, columns: int, row_labels: Sequence[str], title: str = ""
-) -> Axes:
+def picture_grid(pictures: ArrayLike | Any, *, columns: int, row_labels: Sequence[str]) -> Axes:
     """Tile pictures in colour, row by row.
 
     Args:
         pictures: (n, height, width, 3), 0 to 255.
         columns: pictures in a row.
         row_labels: words beside the rows.
-        title: words above.
     """
     tiles = as_array(pictures, "n", "height", "width", 3).clip(0, 255).astype(np.uint8)
-    return _tile(tiles, columns, row_labels, inches=1.05, blank=255, title=title)
+    return _tile(tiles, columns, row_labels, inches=1.05, blank=255)
 
 
 def _tile(
@@ -48,7 +45,7 @@ def _tile(
     *,
     inches: float,
     blank: float,
-    title: str,
+    title: str = "",
     **look: Any,
 ) -> Axes:
     n, height, width = tiles.shape[:3]

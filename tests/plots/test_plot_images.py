@@ -22,7 +22,7 @@ def test_image_grid_places_each_image():
 def test_pictures_in_colour():
     pictures = np.zeros((5, 4, 6, 3), dtype=np.uint8)
     pictures[3] = (10, 20, 30)
-    ax = plots.picture_grid(pictures, columns=3, row_labels=["a", "b"], title="five")
+    ax = plots.picture_grid(pictures, columns=3, row_labels=["a", "b"])
     canvas = ax.images[0].get_array()
     assert canvas.shape == (2 * 5 - 1, 3 * 7 - 1, 3)
     assert (canvas[5:, :6] == (10, 20, 30)).all()
