@@ -57,7 +57,7 @@ def execute(path: Path, *, timeout: int = 300) -> Run:
         The executed notebook, the time it took, the claims that held and the failure, if any.
 
     Raises:
-        ValueError: If `path` is not a notebook that can be read, or `timeout` is below 1.
+        ValueError: If `path` is not a readable notebook, or `timeout` is below 1.
     """
     if timeout < 1:
         raise ValueError(f"timeout must be at least 1 second, got {timeout}")
@@ -117,11 +117,17 @@ def read(path: Path) -> nbformat.NotebookNode:
         ValueError: If the file is missing or damaged.
     """
     try:
-        return nbformat.read(path, as_version=4)
+        notebook = nbformat.read(path, as_version=4)
+        if isinstance(notebook.get("cells"), list):
+            return notebook
+        problem = "it has no cells"
     except FileNotFoundError:
         raise ValueError(f"there is no notebook at {path}") from None
-    except (nbformat.reader.NotJSONError, nbformat.ValidationError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not a readable notebook: {str(error)[:200]}") from error
+    except OSError as error:
+        raise ValueError(f"{path.name} cannot be read: {error.strerror}") from None
+    except Exception as error:  # nbformat fails in many ways on what is no notebook
+        problem = f"it is empty or damaged, or another kind of file ({str(error)[:200]})"
+    raise ValueError(f"{path.name} is not a readable notebook: {problem}")
 
 
 def store(run: Run) -> None:

@@ -11,10 +11,8 @@ import ast
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from cotlearn import assets
-from cotlearn.homework.submissions import read_notebook
 
 _MARK = re.compile(r"#\s*(BEGIN|END) (QUESTION|TESTS|SOLUTION)")
 _CONFIG = re.compile(r'""" +# BEGIN TEST CONFIG\n(.*?)""" +# END TEST CONFIG\n', re.DOTALL)
@@ -107,7 +105,9 @@ def read(path: Path, name: str) -> Assignment:
     Raises:
         ValueError: It cannot be read, or a question has no check.
     """
-    notebook = read_notebook(path)
+    from cotlearn import execution  # needs Jupyter's packages
+
+    notebook = execution.read(path)
     questions: list[Question] = []
     open_question = testing = False
     tests: list[HiddenTest] = []
@@ -126,7 +126,9 @@ def read(path: Path, name: str) -> Assignment:
             called = _checks(cell.source)
             questions += [Question(item, answer, tuple(tests)) for answer, item in called]
             open_question, tests = False, []
-    return Assignment(name, _title(notebook), tuple(questions), _setup(notebook), path)
+    code = (str(cell.source) for cell in notebook.cells if cell.cell_type == "code")
+    title = execution.title(notebook)
+    return Assignment(name, title, tuple(questions), next(code, ""), path)
 
 
 def _hidden_test(source: str) -> HiddenTest:
@@ -148,18 +150,3 @@ def _checks(source: str) -> list[tuple[str, str]]:
         for node in ast.walk(ast.parse(source))
         if isinstance(node, ast.Call) and ast.unparse(node.func) == "check"
     ]
-
-
-def _title(notebook: Any) -> str:
-    lines = (
-        line
-        for cell in notebook.cells
-        if cell.cell_type == "markdown"
-        for line in cell.source.splitlines()
-    )
-    return next((line[2:].strip() for line in lines if line.startswith("# ")), "untitled")
-
-
-def _setup(notebook: Any) -> str:
-    code = (cell.source for cell in notebook.cells if cell.cell_type == "code")
-    return str(next(code, ""))

@@ -20,10 +20,10 @@ from typing import Any
 
 import cotlearn
 from cotlearn import assets
+from cotlearn.execution import read
 from cotlearn.files import write_text
 from cotlearn.homework import assignments
 from cotlearn.homework.marking import mark
-from cotlearn.homework.submissions import read_notebook
 
 _SEED = re.compile(r"^(\s*)seed = \d+$", re.MULTILINE)
 _STAMP = "stamp"
@@ -67,7 +67,7 @@ def make(
         (out / name).mkdir(parents=True, exist_ok=True)
     for path in paths:
         master = out / "masters" / path.name
-        notebook = seeded(read_notebook(path), path.stem, secret_seed)
+        notebook = seeded(read(path), path.stem, secret_seed)
         if requirements is not None:
             notebook.cells[0].source += f"\nrequirements: {requirements.resolve()}"
         _write(master, notebook)
@@ -145,7 +145,7 @@ def stamped(notebook: Any, master: Path) -> Any:
 
 def fingerprint(master: Path) -> str:
     """Returns a short hash of what a master says, whatever its outputs and its line ends."""
-    cells = read_notebook(master).cells
+    cells = read(master).cells
     text = "\0".join(f"{cell.cell_type}\0{cell.source}" for cell in cells)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -155,7 +155,7 @@ def _assign(master: Path, out: Path) -> tuple[Any, Path]:
     target = out / "autograder" / master.stem
     shutil.rmtree(target, ignore_errors=True)
     _otter("assign", "--no-pdfs", master, target)
-    student = read_notebook(target / "student" / master.name)
+    student = read(target / "student" / master.name)
     shutil.rmtree(target / "student")
     for item in (target / "autograder").iterdir():
         shutil.move(item, target / item.name)

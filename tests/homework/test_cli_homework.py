@@ -44,7 +44,7 @@ def test_what_cannot_be_checked(tmp_path):
     (tmp_path / "hw1.ipynb").write_text("no")
     code, text = run("check", tmp_path / "hw1.ipynb")
     assert code == 2
-    assert "hw1.ipynb is not a notebook that can be read" in text
+    assert "hw1.ipynb is not a readable notebook" in text
 
 
 def test_grade(tmp_path):

@@ -62,7 +62,7 @@ def test_a_folder(folder, tmp_path):
     assert [best[k] for k in ("assignment", "points", "out_of", "percent")] == ["hw1", *POINTS]
     assert [best[f"hw1.{name}"] for name in handed_in.NAMES] == EACH
     assert found["Ann/hw1.ipynb"]["hw1.loss"] == "0"
-    assert "not a notebook that can be read" in found["damaged.ipynb"]["note"]
+    assert "not a readable notebook" in found["damaged.ipynb"]["note"]
     assert found["damaged.ipynb"]["points"] == "0"
 
     feedback = (tmp_path / "grades" / "Ann" / "hw1.md").read_text(encoding="utf-8")

@@ -50,8 +50,10 @@ def test_students_see_no_solution_and_no_hidden_test(master):
     text = student(master).read_text(encoding="utf-8")
     for word in ("SOLUTION", "BEGIN TEST", "hidden: ", "seed = "):
         assert word not in text.replace("seed = 0", "")
+    cells = json.loads(text)["cells"]
     for cell in submissions.read(student(master)).cells:
-        assert ("exercise" in cell.tags) == (cell.question is not None)
+        tags = cells[cell.number - 1]["metadata"].get("tags", [])
+        assert ("exercise" in tags) == (cell.question is not None)
         if cell.question:
             assert cell.source.rstrip().endswith("...")
 

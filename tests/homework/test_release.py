@@ -5,9 +5,9 @@ import importlib.util
 import nbformat
 import pytest
 
+from cotlearn.execution import read
 from cotlearn.homework import assignments, release
 from cotlearn.homework.marking import mark
-from cotlearn.homework.submissions import read_notebook
 
 OTTER = importlib.util.find_spec("otter") is not None
 needs_otter = pytest.mark.skipif(not OTTER, reason="otter-grader is not installed")
@@ -24,7 +24,7 @@ def test_a_secret_changes_every_seed(tmp_path):
     made = {}
     for secret in (None, "one", "two", "one "):
         path = tmp_path / "hw1.ipynb"
-        nbformat.write(release.seeded(read_notebook(master), "hw1", secret), path)
+        nbformat.write(release.seeded(read(master), "hw1", secret), path)
         made[secret] = seeds(path)
         if secret == "one":
             assert len(set(made[secret])) == len(made[secret]) == 8
@@ -35,7 +35,7 @@ def test_a_secret_changes_every_seed(tmp_path):
 
 
 def test_a_hidden_test_without_a_seed_is_an_error():
-    notebook = read_notebook(assignments.masters()[0])
+    notebook = read(assignments.masters()[0])
     for cell in notebook.cells:
         cell.source = cell.source.replace("seed = 2", "pass")
     with pytest.raises(ValueError, match="hw1 has no line 'seed"):
