@@ -6,6 +6,7 @@ same notebook is graded with the same tests. So a run can be killed at any momen
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import hashlib
 import io
@@ -14,7 +15,7 @@ import os
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 
 import cotlearn
@@ -71,16 +72,26 @@ def grade(
     if out.is_dir() or not out.suffix:
         raise ValueError(f"out must be a file such as grades.csv, got {out}")
     feedback = out.with_suffix("")
-    paths = _notebooks(folder, feedback)
+    paths = [
+        path
+        for path in sorted(folder.rglob("*.ipynb"))
+        if ".ipynb_checkpoints" not in path.parts and not path.is_relative_to(feedback)
+    ]
     if not paths:
         raise ValueError(f"there is no notebook (*.ipynb) in {folder}")
-    feedback.mkdir(parents=True, exist_ok=True)
     limits = limits or Limits()
     salt = _salt(masters, limits)
     stop = threading.Event()
 
     def one(path: Path) -> Row | None:
-        return None if stop.is_set() else _grade(path, folder, feedback, salt, masters, limits)
+        if stop.is_set():
+            return None
+        file = path.relative_to(folder)
+        stored = feedback / file.with_name(f"{file.name}.json")
+        marked, kept = _marked(path, stored, salt, masters, limits)
+        text = feedback_text(file.name, marked)
+        write_text(stored.with_name(f"{file.stem}.md"), text)
+        return Row(file.as_posix(), marked, kept)
 
     rows: list[Row] = []
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
@@ -99,91 +110,51 @@ def grade(
     return rows
 
 
-def _notebooks(folder: Path, feedback: Path) -> list[Path]:
-    return sorted(
-        path
-        for path in folder.rglob("*.ipynb")
-        if ".ipynb_checkpoints" not in path.parts and not path.is_relative_to(feedback)
-    )
-
-
-def _grade(
-    path: Path, folder: Path, feedback: Path, salt: str, masters: Path | None, limits: Limits
-) -> Row:
-    file = path.relative_to(folder)
-    stored = feedback / file.with_name(f"{file.name}.json")
+def _marked(
+    path: Path, stored: Path, salt: str, masters: Path | None, limits: Limits
+) -> tuple[Marked, bool]:
+    """What was found about a notebook, and whether it was known from an earlier run."""
     try:
         key = hashlib.sha256(salt.encode() + path.read_bytes()).hexdigest()
     except OSError as error:
-        return Row(file.as_posix(), Marked("", "", (), f"it cannot be read: {error.strerror}"))
-    known = _known(stored, key)
-    if known is not None:
-        _write_feedback(stored, file, known)
-        return Row(file.as_posix(), known, kept=True)
+        return Marked("", "", (), f"it cannot be read: {error.strerror}"), False
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # missing or torn
+        record = json.loads(stored.read_text(encoding="utf-8"))
+        if record["key"] == key:
+            return Marked.from_json(record["marked"]), True
     try:
         marked = mark(path, hidden=True, masters=masters, limits=limits)
     except ValueError as error:
         marked = Marked("", "", (), str(error))
     except Exception as error:  # ours, not the student's: said, and tried again the next time
-        return Row(file.as_posix(), Marked("", "", (), f"{type(error).__name__}: {error}"))
-    _write_feedback(stored, file, marked)
-    write_text(stored, json.dumps({"key": key, "marked": marked.to_json()}, indent=1) + "\n")
-    return Row(file.as_posix(), marked)
-
-
-def _known(stored: Path, key: str) -> Marked | None:
-    try:
-        record = json.loads(stored.read_text(encoding="utf-8"))
-        return Marked.from_json(record["marked"]) if record["key"] == key else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+        return Marked("", "", (), f"{type(error).__name__}: {error}"), False
+    write_text(stored, json.dumps({"key": key, "marked": asdict(marked)}, indent=1) + "\n")
+    return marked, False
 
 
 def _salt(masters: Path | None, limits: Limits) -> str:
     """Changes with the tests, the version and the limits."""
     files = (hashlib.sha256(path.read_bytes()).hexdigest() for path in assignments.masters(masters))
-    return json.dumps(
-        [cotlearn.__version__, float(limits.seconds), float(limits.gigabytes), *files]
-    )
-
-
-def _write_feedback(stored: Path, file: Path, marked: Marked) -> None:
-    stored.parent.mkdir(parents=True, exist_ok=True)
-    write_text(stored.with_name(f"{file.stem}.md"), feedback_text(file.name, marked))
+    return json.dumps([cotlearn.__version__, *map(float, astuple(limits)), *files])
 
 
 def table(rows: Iterable[Row]) -> str:
     """Returns a CSV table: file, assignment, points, what could be earned, note, each question."""
     rows = list(rows)
-    questions = sorted({item.question for row in rows for item in row.marked.marks}, key=_order)
+    asked = dict.fromkeys(item.question for row in rows for item in row.marked.marks)
+    questions = sorted(asked, key=lambda name: name.split(".")[0])  # keeps an assignment's order
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\r\n")
     writer.writerow(["file", "assignment", "points", "out_of", "percent", "note", *questions])
     for row in rows:
         marked = row.marked
         earned = {item.question: f"{item.points:g}" for item in marked.marks}
+        out_of = f"{marked.out_of:g}" if marked.marks else ""
         percent = f"{100 * marked.points / marked.out_of:.0f}" if marked.out_of else ""
-        writer.writerow(
-            [
-                _plain(row.file),
-                marked.assignment,
-                f"{marked.points:g}",
-                f"{marked.out_of:g}" if marked.marks else "",
-                percent,
-                _plain(marked.note),
-                *(earned.get(name, "") for name in questions),
-            ]
-        )
+        found = [_plain(row.file), marked.assignment, f"{marked.points:g}", out_of, percent]
+        each = (earned.get(name, "") for name in questions)
+        writer.writerow([*found, _plain(marked.note), *each])
     return text.getvalue()
-
-
-def _order(question: str) -> tuple[str, int]:
-    name = question.split(".")[0]
-    try:
-        asked = [item.name for item in assignments.find(name).questions]
-    except ValueError:
-        asked = []
-    return name, asked.index(question) if question in asked else len(asked)
 
 
 def _plain(text: str) -> str:
@@ -211,5 +182,5 @@ def _words(item: Mark) -> list[str]:
     first = [] if item.verdict == "correct" else [f"✗ {item.sentence}"]
     more = [hint for hint in item.hints if hint != item.sentence]
     if not first and more:
-        first = ["✓ the self-check is content, and a hidden test is not:"]
+        first = ["✓ the self-check passes, and a hidden test does not:"]
     return first + [f"- {hint}" for hint in more]

@@ -66,11 +66,11 @@ def has_memory_limit() -> bool:
     return sys.platform == "linux"
 
 
-def run(job: dict[str, Any], limits: Limits) -> Outcome:
-    """Runs a job of `worker.run` in its own process and in an empty folder.
+def run(job: worker.Job, limits: Limits) -> Outcome:
+    """Does a job in its own process and in an empty folder.
 
     Args:
-        job: As `worker.run` takes it.
+        job: A question and the cells that it needs.
         limits: Of time and memory.
 
     Raises:

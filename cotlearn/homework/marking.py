@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cotlearn
 from cotlearn.homework import isolation, submissions
-from cotlearn.homework.assignments import Assignment, Question, find
+from cotlearn.homework.assignments import HiddenTest, Question, find
 from cotlearn.homework.isolation import Limits
 from cotlearn.homework.registry import Verdict
-from cotlearn.homework.submissions import Cell, Submission
+from cotlearn.homework.submissions import Submission
+from cotlearn.homework.worker import Job
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,8 @@ class Mark:
 
     @property
     def correct(self) -> bool:
-        """Whether the self-check is content and no hidden test failed."""
-        return self.verdict == Verdict.CORRECT.value and not self.hints
+        """Whether the self-check passes and no hidden test failed."""
+        return self.verdict == Verdict.CORRECT and not self.hints
 
 
 @dataclass(frozen=True)
@@ -67,13 +68,9 @@ class Marked:
         """What could be earned."""
         return sum(mark.out_of for mark in self.marks)
 
-    def to_json(self) -> dict[str, Any]:
-        """Returns all of it, JSON-compatible."""
-        return asdict(self)
-
     @classmethod
     def from_json(cls, stored: dict[str, Any]) -> Marked:
-        """Reads what `to_json` gave.
+        """Reads what `dataclasses.asdict` gave, after a way through JSON.
 
         Raises:
             KeyError: A part is missing.
@@ -112,52 +109,33 @@ def mark(
     assignment = find(submission.assignment, masters)
     marks = []
     for question in assignment.questions:
-        found = mark_question(submission, question, assignment, hidden=hidden, limits=limits)
-        marks.append(found)
+        tests = question.tests if hidden else ()
+        marks.append(_mark(submission, question, assignment.setup, tests, limits or Limits()))
         if each is not None:
-            each(found)
-    return Marked(assignment.name, assignment.title, tuple(marks), _stamp(submission))
+            each(marks[-1])
+    return Marked(assignment.name, assignment.title, tuple(marks), _note(submission))
 
 
-def mark_question(
+def _mark(
     submission: Submission,
     question: Question,
-    assignment: Assignment,
-    *,
-    hidden: bool = False,
-    limits: Limits | None = None,
+    setup: str,
+    tests: tuple[HiddenTest, ...],
+    limits: Limits,
 ) -> Mark:
-    """Marks one answer of a notebook; arguments as for `mark`."""
-    tests = question.tests if hidden else ()
     out_of = sum(test.points for test in tests)
     names = submissions.names_in(question.answer)
-    missing = sorted(name for name in names if submission.defining(name) is None)
-    if missing:
-        sentence = _missing(submission, question, missing[0])
-        return Mark(question.name, Verdict.NOT_YET.value, sentence, 0, out_of)
-    own = submission.defining(sorted(names)[0])
-    assert own is not None
-    outcome = isolation.run(
-        {
-            "setup": assignment.setup,
-            "cells": [
-                {"number": cell.number, "source": cell.source} for cell in submission.needed(names)
-            ],
-            "own": own.number,
-            "answer": question.answer,
-            "name": question.name,
-            "tests": [{"source": test.source, "hint": test.hint} for test in tests],
-        },
-        limits or Limits(),
-    )
-    return _from_messages(question, outcome, hidden=hidden)
-
-
-def _from_messages(question: Question, outcome: isolation.Outcome, *, hidden: bool) -> Mark:
-    verdict, sentence = Verdict.NOT_YET.value, outcome.problem or ""
-    points, hints = 0.0, []
-    tests = question.tests if hidden else ()
-    done = 0
+    found = {name: submission.defining(name) for name in sorted(names)}
+    for name, cell in found.items():
+        if cell is None:
+            sentence = _missing(submission, question, name)
+            return Mark(question.name, Verdict.NOT_YET, sentence, 0, out_of)
+    own = next(cell.number for cell in found.values() if cell is not None)
+    cells = tuple(submission.needed(names))
+    job = Job(setup, cells, own, question.answer, question.name, tests)
+    outcome = isolation.run(job, limits)
+    verdict, sentence = str(Verdict.NOT_YET), outcome.problem or ""
+    points, hints, done = 0.0, [], 0
     for message in outcome.messages:
         if "verdict" in message:
             verdict, sentence = message["verdict"], message["sentence"]
@@ -167,56 +145,34 @@ def _from_messages(question: Question, outcome: isolation.Outcome, *, hidden: bo
             else:
                 hints.append(message["sentence"])
             done += 1
-    attempted = verdict != Verdict.NOT_ATTEMPTED.value
     if outcome.problem is not None and done < len(tests):
         hints.append(outcome.problem)
-    return Mark(
-        question.name,
-        verdict,
-        sentence,
-        points,
-        sum(test.points for test in tests),
-        tuple(dict.fromkeys(hints)) if attempted else (),
-    )
+    if verdict == Verdict.NOT_ATTEMPTED:
+        hints = []
+    return Mark(question.name, verdict, sentence, points, out_of, tuple(dict.fromkeys(hints)))
 
 
 def _missing(submission: Submission, question: Question, name: str) -> str:
     """Why there is no answer of this name, as far as the notebook tells."""
-    broken = next(
-        (
-            cell
-            for cell in submission.cells
-            if cell.error and (cell.question == question.name or _mentions(cell, name))
-        ),
-        None,
-    )
-    if broken is not None:
-        return f"cell {broken.number} is not Python that can be read: {broken.error}"
-    own = next((cell for cell in submission.cells if cell.question == question.name), None)
-    if own is not None and own.binds:
-        return (
-            f"the answer must be called {name}, and your cell defines "
-            f"{' and '.join(sorted(own.binds))}: give it its name back"
-        )
+    for cell in submission.cells:
+        mentions = f"def {name}(" in cell.source or f"{name} =" in cell.source
+        if cell.error and (cell.question == question.name or mentions):
+            return f"cell {cell.number} is not Python that can be read: {cell.error}"
+    for cell in submission.cells:
+        if cell.question == question.name and cell.binds:
+            return (
+                f"the answer must be called {name}, and your cell defines "
+                f"{' and '.join(sorted(cell.binds))}: give it its name back"
+            )
     return (
         f"there is no {name} in this notebook: its cell was deleted, emptied or renamed; take it "
         "again from a fresh copy"
     )
 
 
-def _mentions(cell: Cell, name: str) -> bool:
-    return f"def {name}(" in cell.source or f"{name} =" in cell.source
-
-
-def _stamp(submission: Submission) -> str:
+def _note(submission: Submission) -> str:
     """A word where the notebook was made for another minor version of cotlearn."""
-    if submission.version is None:
+    made, here = submission.version, str(cotlearn.__version__)
+    if made is None or made.split(".")[:2] == here.split(".")[:2]:
         return ""
-    made, here = (".".join(text.split(".")[:2]) for text in (submission.version, _version()))
-    if made == here:
-        return ""
-    return f"made with cotlearn {submission.version}, marked with {_version()}"
-
-
-def _version() -> str:
-    return str(cotlearn.__version__)
+    return f"made with cotlearn {made}, marked with {here}"

@@ -39,7 +39,7 @@ class _Silent:
         pass
 
 
-class Verdict(_Silent, enum.Enum):
+class Verdict(_Silent, enum.StrEnum):
     """What a check says about an answer; silent, because `check` has printed it already."""
 
     NOT_ATTEMPTED = "not attempted yet"
@@ -128,7 +128,7 @@ def check(answer: object, name: str) -> Verdict:
     else:
         _correct.discard(name)
     if progress.in_notebook():
-        progress.remember({name: verdict.value})
+        progress.remember({name: verdict})
     return verdict
 
 

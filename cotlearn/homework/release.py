@@ -18,6 +18,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import nbformat
+
 import cotlearn
 from cotlearn import assets
 from cotlearn.execution import read
@@ -26,7 +28,6 @@ from cotlearn.homework import assignments
 from cotlearn.homework.marking import mark
 
 _SEED = re.compile(r"^(\s*)seed = \d+$", re.MULTILINE)
-_STAMP = "stamp"
 
 
 def make(
@@ -62,9 +63,7 @@ def make(
     paths = assignments.masters(masters)
     if not paths:
         raise ValueError(f"there is no master notebook (hw1.ipynb, ...) in {masters}")
-    out = out.resolve()
-    for name in ("masters", "student", "autograder"):
-        (out / name).mkdir(parents=True, exist_ok=True)
+    out, home = out.resolve(), assets.course_folder() / "notebooks" / "homework"
     for path in paths:
         master = out / "masters" / path.name
         notebook = seeded(read(path), path.stem, secret_seed)
@@ -72,19 +71,14 @@ def make(
             notebook.cells[0].source += f"\nrequirements: {requirements.resolve()}"
         _write(master, notebook)
         student, solutions = _assign(master, out)
-        _write(out / "student" / path.name, stamped(student, path))
+        student = stamped(student, path)
+        _write(out / "student" / path.name, student)
         _try(path.stem, out, solutions, say)
-        released = path.parent / "student"
-        if secret_seed is None and path.parent == _home():
-            released.mkdir(exist_ok=True)
-            shutil.copyfile(out / "student" / path.name, released / path.name)
-            say(f"{path.stem}: student version also in {released}")
+        if secret_seed is None and path.parent == home:
+            _write(home / "student" / path.name, student)
+            say(f"{path.stem}: student version also in {home / 'student'}")
     if secret_seed is not None:
         say(f"grade with: cotlearn grade FOLDER --masters {out / 'masters'}")
-
-
-def _home() -> Path:
-    return assets.course_folder() / "notebooks" / "homework"
 
 
 def seeded(notebook: Any, name: str, secret: str | None) -> Any:
@@ -114,21 +108,15 @@ def stamped(notebook: Any, master: Path) -> Any:
         notebook: As otter made it; changed.
         master: The master that it was made from.
     """
-    import nbformat
-
     name, version = master.stem, cotlearn.__version__
-    notebook.metadata["otter"] = {"assignment_name": name}
-    notebook.metadata["cotlearn"] = {
-        "assignment": name,
-        "version": version,
-        "master": fingerprint(master),
-    }
+    stamp = {"assignment": name, "version": version, "master": fingerprint(master)}
+    notebook.metadata |= {"otter": {"assignment_name": name}, "cotlearn": stamp}
     minor = ".".join(version.split(".")[:2])
     notebook.cells.append(
         nbformat.v4.new_markdown_cell(
             f"*Made with cotlearn {version}. The helpers that this notebook imports keep their "
             f"names in all versions {minor}.x.*",
-            metadata={"tags": [_STAMP]},
+            metadata={"tags": ["stamp"]},
         )
     )
     questions = {item.answer: item.name for item in assignments.read(master, name).questions}
@@ -154,6 +142,7 @@ def _assign(master: Path, out: Path) -> tuple[Any, Path]:
     """Runs otter; returns the student version and the path of that with solutions."""
     target = out / "autograder" / master.stem
     shutil.rmtree(target, ignore_errors=True)
+    target.parent.mkdir(parents=True, exist_ok=True)
     _otter("assign", "--no-pdfs", master, target)
     student = read(target / "student" / master.name)
     shutil.rmtree(target / "student")
@@ -190,11 +179,10 @@ def _try(name: str, out: Path, solutions: Path, say: Callable[[str], None]) -> N
     right = mark(solutions, hidden=True, masters=out / "masters")
     stubs = mark(out / "student" / f"{name}.ipynb", hidden=True, masters=out / "masters")
     wrong = [f"{item.question}: {item.sentence}" for item in right.marks if not item.correct]
-    wrong += [
-        f"{item.question}: the unchanged stub counts as {item.verdict}, {item.points:g} points"
-        for item in stubs.marks
-        if item.verdict != "not attempted yet" or item.points
-    ]
+    for item in stubs.marks:
+        if item.verdict != "not attempted yet" or item.points:
+            counts = f"{item.verdict}, {item.points:g} points"
+            wrong.append(f"{item.question}: the unchanged stub counts as {counts}")
     if by_otter := _points_by_otter(name, out):
         wrong.append(f"otter gives the unchanged stubs {by_otter:g} points")
     if wrong or not right.out_of:
@@ -206,7 +194,4 @@ def _try(name: str, out: Path, solutions: Path, say: Callable[[str], None]) -> N
 
 
 def _write(path: Path, notebook: Any) -> None:
-    import nbformat
-
-    text = nbformat.writes(notebook)
-    write_text(path, text if text.endswith("\n") else text + "\n")
+    write_text(path, nbformat.writes(notebook).rstrip("\n") + "\n")

@@ -12,9 +12,16 @@ import os
 import random
 import sys
 import traceback
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from cotlearn.homework import registry
+
+if TYPE_CHECKING:
+    from cotlearn.homework.assignments import HiddenTest
+    from cotlearn.homework.submissions import Cell
 
 #: Characters that an answer may print; more than any person reads.
 PRINT_LIMIT = 1_000_000
@@ -28,15 +35,35 @@ class _Unusable(Exception):
     """The answer cannot be checked; the message says why."""
 
 
-def run(
-    job: dict[str, Any], folder: str, seconds: float, gigabytes: float, channel: Connection
-) -> None:
-    """Runs a job and sends what it finds, one message after the other, as JSON.
+@dataclass(frozen=True)
+class Job:
+    """What the process of one question is given.
+
+    Attributes:
+        setup: source that is run before the cells.
+        cells: to run, in order.
+        own: the number of the cell with the answer.
+        answer: an expression, most often the name of a function.
+        name: of its check.
+        tests: the hidden ones.
+    """
+
+    setup: str
+    cells: tuple[Cell, ...]
+    own: int
+    answer: str
+    name: str
+    tests: tuple[HiddenTest, ...] = ()
+
+
+def run(job: Job, folder: str, seconds: float, gigabytes: float, channel: Connection) -> None:
+    """Does a job and sends what it finds, one JSON message after the other.
+
+    {"begun": true} when the learner's code starts; {"verdict", "sentence"} of the check; for each
+    hidden test {"test", "passed", "sentence"}; {"end": true, "problem"} when all is done.
 
     Args:
-        job: "cells", a list of {"number", "source"} to run; "setup", the source that is run before
-            them; "own", the number of the cell with the answer; "answer", an expression; "name",
-            of the check; "tests", a list of {"source", "hint"}.
+        job: What to do.
         folder: to work in.
         seconds: of computing.
         gigabytes: of memory, beyond those in use when the answer begins.
@@ -47,13 +74,12 @@ def run(
     _prepare(folder)
     namespace: dict[str, Any] = {"__name__": "__main__"}
     with contextlib.suppress(Exception):
-        exec(compile(job["setup"], "<setup>", "exec"), namespace)
+        exec(compile(job.setup, "<setup>", "exec"), namespace)
     _limit(seconds, gigabytes)  # from here on it is the learner's code that runs
     _send(channel, {"begun": True})
-    problem: str | None
+    problem: str | None = None
     try:
         _question(job, namespace, channel)
-        problem = None
     except _Unusable as reason:
         problem = str(reason)
     except _TooMuchPrinted:
@@ -63,75 +89,62 @@ def run(
     except KeyboardInterrupt:
         problem = "your answer was interrupted"
     except BaseException as error:
-        problem = f"your answer {_said(error)}"
+        problem = f"your answer {registry.said(error)}"
     _send(channel, {"end": True, "problem": problem})
     channel.close()
     os._exit(0)  # whatever the answer left behind must not run now
 
 
-def _question(job: dict[str, Any], namespace: dict[str, Any], channel: Connection) -> None:
-    from cotlearn.homework import registry
-
+def _question(job: Job, namespace: dict[str, Any], channel: Connection) -> None:
     registry.TIME_LIMIT = math.inf  # this process has its own
-    for cell in job["cells"]:
-        _run_cell(cell, namespace, own=cell["number"] == job["own"])
+    for cell in job.cells:
+        _run_cell(cell, namespace, own=cell.number == job.own)
     try:
-        answer = eval(job["answer"], namespace)
+        answer = eval(job.answer, namespace)
     except Exception as error:
-        raise _Unusable(f"{job['answer']} {_said(error)}") from error
-    verdict, sentence = registry.judge(answer, job["name"])
-    _send(channel, {"verdict": verdict.value, "sentence": sentence})
-    for index, test in enumerate(job["tests"]):
+        raise _Unusable(f"{job.answer} {registry.said(error)}") from error
+    verdict, sentence = registry.judge(answer, job.name)
+    _send(channel, {"verdict": verdict, "sentence": sentence})
+    for index, test in enumerate(job.tests):
         if verdict is registry.Verdict.NOT_ATTEMPTED:
-            passed, sentence = False, "not attempted"
+            sentence = "not attempted"
         else:
-            passed, sentence = _passes(test, namespace)
-        _send(channel, {"test": index, "passed": passed, "sentence": sentence})
+            sentence = _complaint(test, namespace)
+        _send(channel, {"test": index, "passed": not sentence, "sentence": sentence})
 
 
-def _run_cell(cell: dict[str, Any], namespace: dict[str, Any], *, own: bool) -> None:
-    name = f"<cell {cell['number']}>"
-    lines = cell["source"].splitlines(keepends=True)
-    linecache.cache[name] = (len(cell["source"]), None, lines, name)  # for inspect.getsource
-    which = f"your cell (number {cell['number']} of the notebook)"
-    if not own:
-        which = f"cell {cell['number']} of the notebook, which this answer uses,"
+def _run_cell(cell: Cell, namespace: dict[str, Any], *, own: bool) -> None:
+    name = f"<cell {cell.number}>"
+    lines = cell.source.splitlines(keepends=True)
+    linecache.cache[name] = (len(cell.source), None, lines, name)  # for inspect.getsource
     try:
-        exec(compile(cell["source"], name, "exec"), namespace)
+        exec(compile(cell.source, name, "exec"), namespace)
     except NotImplementedError:
         pass
     except Exception as error:
-        line = next(
-            (
-                item.lineno
-                for item in reversed(traceback.extract_tb(error.__traceback__))
-                if item.filename == name
-            ),
-            None,
-        )
-        where = f", line {line}," if line else ""
-        raise _Unusable(f"{which.rstrip(',')}{where} {_said(error)}") from error
+        frames = traceback.extract_tb(error.__traceback__)
+        at = [frame.lineno for frame in frames if frame.filename == name]
+        which = f"cell {cell.number} of the notebook, which this answer uses"
+        if own:
+            which = f"your cell (number {cell.number} of the notebook)"
+        where = f", line {at[-1]}," if at else ""
+        raise _Unusable(f"{which}{where} {registry.said(error)}") from error
 
 
-def _passes(test: dict[str, Any], namespace: dict[str, Any]) -> tuple[bool, str]:
+def _complaint(test: HiddenTest, namespace: dict[str, Any]) -> str:
+    """What a hidden test has to say; "" if it passes."""
     scope: dict[str, Any] = {}
-    exec(compile(test["source"], "<hidden test>", "exec"), scope)
+    exec(compile(test.source, "<hidden test>", "exec"), scope)
     function = next(value for value in reversed(scope.values()) if inspect.isfunction(value))
     names = inspect.signature(function).parameters
     values = {name: namespace if name == "env" else namespace.get(name) for name in names}
     try:
         function(**values)
     except AssertionError as error:
-        return False, test["hint"] or str(error)
+        return test.hint or str(error) or "a hidden test failed"
     except Exception as error:
-        return False, f"your answer {_said(error)}" + (f" ({test['hint']})" if test["hint"] else "")
-    return True, ""
-
-
-def _said(error: BaseException) -> str:
-    from cotlearn.homework.registry import said
-
-    return said(error)
+        return f"your answer {registry.said(error)}" + (f" ({test.hint})" if test.hint else "")
+    return ""
 
 
 def _prepare(folder: str) -> None:

@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 from cotlearn.homework import isolation
+from cotlearn.homework.assignments import HiddenTest
 from cotlearn.homework.isolation import Limits
+from cotlearn.homework.submissions import Cell
+from cotlearn.homework.worker import Job
 
 LIMITS = Limits(seconds=1, gigabytes=1)
 RIGHT = "def interpolate(x0, x1, t):\n    t = t[:, None]\n    return (1 - t) * x0 + t * x1, x1 - x0"
@@ -16,15 +19,9 @@ CELL = "your cell (number 3 of the notebook)"
 
 
 def run(source, *, tests=(), limits=LIMITS):
-    job = {
-        "setup": "import torch\nimport numpy as np",
-        "cells": [{"number": 3, "source": source}],
-        "own": 3,
-        "answer": "interpolate",
-        "name": "01.interpolate",
-        "tests": list(tests),
-    }
-    return isolation.run(job, limits)
+    cells = (Cell(3, source),)
+    setup = "import torch\nimport numpy as np"
+    return isolation.run(Job(setup, cells, 3, "interpolate", "01.interpolate", tests), limits)
 
 
 def test_a_right_answer():
@@ -88,9 +85,9 @@ def test_deleted_files_are_not_those_of_the_notebook(tmp_path, monkeypatch):
 
 
 def test_what_was_found_before_the_accident_is_kept():
-    first = {"source": "def test_one(interpolate):\n    assert interpolate", "hint": ""}
-    second = {"source": "def test_two(interpolate):\n    import os\n    os._exit(1)", "hint": ""}
-    outcome = run(RIGHT, tests=[first, second])
+    first = HiddenTest("def test_one(interpolate):\n    assert interpolate", 1, "")
+    second = HiddenTest("def test_two(interpolate):\n    import os\n    os._exit(1)", 1, "")
+    outcome = run(RIGHT, tests=(first, second))
     assert [m.get("passed") for m in outcome.messages] == [None, True]
     assert "ended Python" in outcome.problem
 
