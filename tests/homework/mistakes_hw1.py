@@ -76,7 +76,7 @@ MISTAKES = [
     ("hw1.euler", lambda v, x, n: walk(v, x, n, by=0.0), "t moves on"),
     ("hw1.euler", lambda v, x, n: walk(v, x, n, h=1.0, by=1 / n), "h is missing"),
     ("hw1.euler", lambda v, x, n: [walk(v, x, n)], "must be a tensor"),
-    ("hw1.exact_velocity", lambda *a: mixture(*a, kind="equal"), "do not count alike"),
+    ("hw1.exact_velocity", lambda *a: mixture(*a, kind="equal"), "not alike"),
     ("hw1.exact_velocity", lambda *a: mixture(*a, centre=1.0), "around t m_k"),
     ("hw1.exact_velocity", lambda *a: mixture(*a, sign=1), "enters with a minus"),
     ("hw1.exact_velocity", lambda *a: mixture(*a, kind="exp"), "use softmax"),
@@ -86,10 +86,10 @@ MISTAKES = [
     (
         "hw1.exact_velocity",
         lambda *a: mixture(*a, var=lambda t, s: (1 - t) ** 2 + t * s**2),
-        "t² times",
+        "has a t²",
     ),
     ("hw1.squared_w2", lambda a, b: math.sqrt(best(costs(a, b)).mean()), "no root"),
-    ("hw1.squared_w2", lambda a, b: float(best(costs(a, b)).sum()), "do not sum"),
+    ("hw1.squared_w2", lambda a, b: float(best(costs(a, b)).sum()), "not the total"),
     ("hw1.squared_w2", lambda a, b: float((a - b).square().sum(1).mean()), "row i need not"),
     ("hw1.squared_w2", lambda a, b: float(costs(a, b).min(1).values.mean()), "nearest neighbours"),
     ("hw1.squared_w2", lambda a, b: float(costs(a, b).mean()), "all pairs"),
@@ -97,7 +97,7 @@ MISTAKES = [
     (
         "hw1.squared_w2",
         lambda a, b: float(best(costs(a, b)).mean()) / a.shape[1],
-        "sum over the coordinates",
+        "sum over coordinates",
     ),
     ("hw1.squared_w2", lambda a, b: best(costs(a, b)), "return one number"),
 ]

@@ -97,7 +97,11 @@ MISTAKES = [
     ("hw2.cost", lambda a, b, c, d, w: far(a, b) + w * far(c, d), "square the distances"),
     ("hw2.cost", lambda a, b, c, d, w: far(a, b) ** 2 + w * far(c, d), "of the conditions, too"),
     ("hw2.cost", lambda a, b, c, d, w: far(a, b) ** 2, "do not count yet"),
-    ("hw2.cost", lambda a, b, c, d, w: far(a, b) ** 2 + (w * far(c, d)) ** 2, "not squared itself"),
+    (
+        "hw2.cost",
+        lambda a, b, c, d, w: far(a, b) ** 2 + (w * far(c, d)) ** 2,
+        "itself is not squared",
+    ),
     ("hw2.cost", lambda a, b, c, d, w: w * far(a, b) ** 2 + far(c, d) ** 2, "belongs to the"),
     ("hw2.cost", lambda a, b, c, d, w: far(b, a) ** 2 + w * far(d, c) ** 2, "shape (4, 6)"),
     ("hw2.cost", lambda a, b, c, d, w: far(a, b) ** 2 + w * far(c, d).T ** 2, "raised Runtime"),

@@ -64,9 +64,9 @@ MISTAKES = [
     ("hw3.ofm_loss", lambda *a: (field(*a) - (a[3] - a[2])).square().mean(), "for each row"),
     ("hw3.ofm_loss", lambda *a: (field(*a) - (a[3] - a[2])).norm(dim=1), "its square"),
     ("hw3.l2_uvp", lambda f, t, s: (f - t).square().sum(1).mean() / s.trace(), "in percent"),
-    ("hw3.l2_uvp", lambda f, t, s: 100 * (f - t).square().mean() / s.trace(), "over the rows"),
+    ("hw3.l2_uvp", lambda f, t, s: 100 * (f - t).square().mean() / s.trace(), "mean over rows"),
     ("hw3.l2_uvp", lambda f, t, s: 100 * (f - t).square().sum(1).mean(), "by the variance"),
-    ("hw3.l2_uvp", lambda f, t, s: 100 * (f - t).square().sum() / s.trace(), "do not sum"),
+    ("hw3.l2_uvp", lambda f, t, s: 100 * (f - t).square().sum() / s.trace(), "not the total"),
     ("hw3.l2_uvp", lambda f, t, s: 100 * (f - t).norm(dim=1).mean() / s.trace(), "square the"),
     ("hw3.l2_uvp", lambda f, t, s: 100 * (f - t).square().sum(1) / s.trace(), "one number"),
 ]

@@ -66,12 +66,12 @@ WRONG = [
     (
         "03.augmented_cost",
         lambda x0, c0, x1, c, w: torch.cdist(x0, x1) + w * torch.cdist(c0, c),
-        "squared",
+        "square the distances",
     ),
     (
         "03.augmented_cost",
         lambda x0, c0, x1, c, w: torch.cdist(x0, x1) ** 2 + w**2 * torch.cdist(c0, c) ** 2,
-        "not w squared",
+        "itself is not squared",
     ),
     (
         "03.augmented_cost",

@@ -66,7 +66,7 @@ WRONG = [
     ("06.start_of_line", lambda x, t, slope, curvature: x[:2], "shape (7,)"),
     ("06.start_of_line", lambda x, t, slope, curvature: 3.0, "float"),
     ("06.uvp", lambda m, t: squares(m, t) / spread(t), "100 times"),
-    ("06.uvp", lambda m, t: 100 * (m - t).square().mean() / spread(t), "add the squared"),
+    ("06.uvp", lambda m, t: 100 * (m - t).square().mean() / spread(t), "sum over coordinates"),
     ("06.uvp", lambda m, t: 100 * squares(m, t) / t.var(), "sum of the variances"),
     ("06.uvp", lambda m, t: 100 * (m - t).square().mean() / t.var(), "its own mean"),
     ("06.uvp", lambda m, t: 100 * squares(m, t) / t.square().sum(1).mean(), "about the mean"),

@@ -37,7 +37,7 @@ WRONG = [
         "may contain 0",
     ),
     ("08.verdict", lambda low, high, m: verdict(high, low, m), "lower end"),
-    ("08.verdict", lambda low, high, m: verdict(*[(low + high) / 2] * 2, m), "the middle alone"),
+    ("08.verdict", lambda low, high, m: verdict(*[(low + high) / 2] * 2, m), "the middle says"),
     ("08.verdict", lambda low, high, m: "shown" if low > -m else "refuted", "decides nothing"),
     ("08.verdict", lambda low, high, m: "open", "expected 'shown', got 'open'"),
     ("08.verdict", lambda low, high, m: low > -m, "one of the words"),

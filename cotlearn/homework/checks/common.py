@@ -1,9 +1,9 @@
 """How a check is written: a table of cases, each with the right result and known mistakes.
 
     @table("02.halve")
-    def halve() -> Cases:
-        for x in (1.0, 3.0):
-            yield Case((x,), x / 2, {"that is twice x, not half of it": 2 * x})
+    def halve(g: torch.Generator) -> Cases:
+        x = torch.randn(5, generator=g)
+        yield Case((x,), x / 2, {"that is twice x, not half of it": 2 * x}, "divide by 2")
 
 `run` puts the table to an answer. Code after a `yield` runs once the case was answered rightly. A
 check that fits no table is a function of the answer, registered with `exercise`.
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import copy
 import functools
+import inspect
 import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -64,13 +65,20 @@ class Case:
 Cases = Iterator[Case]
 
 
-def table(name: str) -> Callable[[Callable[..., Cases]], Callable[..., None]]:
-    """Registers a generator of cases as the check of an exercise; names as for `exercise`."""
+def table(name: str, *, seed: int = 0) -> Callable[[Callable[..., Cases]], Callable[..., None]]:
+    """Registers a generator of cases as the check of an exercise.
+
+    Args:
+        name: As for `exercise`.
+        seed: Of the `torch.Generator` that the generator of cases is called with, if it takes an
+            argument; a hidden test can ask for another.
+    """
 
     def register(cases: Callable[..., Cases]) -> Callable[..., None]:
-        @functools.wraps(cases)  # keeps `seed` visible
-        def check(answer: Any, **options: int) -> None:
-            run(answer, cases(**options))
+        draws = bool(inspect.signature(cases).parameters)
+
+        def check(answer: Any, seed: int = seed) -> None:
+            run(answer, cases(torch.Generator().manual_seed(seed)) if draws else cases())
 
         return exercise(name)(check)
 
@@ -199,6 +207,17 @@ def cheapest(cost: Tensor) -> Tensor:
     everyone = torch.tensor(list(itertools.permutations(range(len(cost)))))
     totals = cost[torch.arange(len(cost)), everyone].sum(dim=1)
     return everyone[totals.argmin()]
+
+
+def squares(off: Tensor, unit: Any = 1.0) -> dict[str, Any]:
+    """Mistakes in `unit` times the mean over rows of |off|², with off of shape (n, d)."""
+    far = off.norm(dim=1)
+    return {
+        "take the mean over the rows, not the total": unit * far.square().sum(),
+        "take the mean over rows, but the sum over coordinates": unit * off.square().mean(),
+        "these are distances: square them before the mean": unit * far.mean(),
+        "square each distance first, then take the mean": unit * far.mean() ** 2,
+    }
 
 
 def one_a_row(n: int, d: int) -> Shapes:

@@ -1,52 +1,30 @@
 """The checks of homework 2: a conditional coupling and its weight."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch
 from scipy.optimize import linear_sum_assignment
-from torch import Tensor
+from torch import Generator, Tensor
 
 from cotlearn.homework.checks.common import (
     Case,
     Cases,
-    Shapes,
     expect_function,
     same,
     table,
     tensor,
 )
+from cotlearn.homework.checks.nb03 import costs
 from cotlearn.homework.registry import NotYet, exercise
 
 
 @table("hw2.cost")
-def cost(seed: int = 0) -> Cases:
+def cost(g: Generator) -> Cases:
     """|x0 - x1|^2 + weight |c0 - c1|^2 for all pairs."""
-    g = torch.Generator().manual_seed(seed)
     for n, m in ((4, 6), (5, 5)):
         x0, x1 = torch.randn(n, 2, generator=g), torch.randn(m, 2, generator=g)
         c0, c1 = torch.randn(n, 3, generator=g), torch.randn(m, 3, generator=g)
-        w = 7.0
-        far, apart = torch.cdist(x0, x1), torch.cdist(c0, c1)
-        right = far**2 + w * apart**2
-        wrong = {
-            "square the distances": far + w * apart,
-            "square the distance of x0 and x1, too": far + w * apart**2,
-            "square the distance of the conditions, too": far**2 + w * apart,
-            "the weight multiplies the squared distance, it is not squared itself": (
-                far**2 + w**2 * apart**2
-            ),
-            "the conditions do not count yet: add weight times their squared distance": far**2,
-            "only the conditions count; add the distance of x0 and x1": w * apart**2,
-            "the weight belongs to the conditions": w * far**2 + apart**2,
-            "the weight belongs to the conditions alone": w * (far**2 + apart**2),
-            "no root: the cost is a sum of squares": torch.sqrt(right),
-            "rows belong to x0, columns to x1": right.T,
-        }
-        hint = "entry i, j is |x0_i - x1_j|² + weight |c0_i - c1_j|²"
-        shapes: Shapes = {(m, n): f"rows belong to x0 and columns to x1: shape ({n}, {m})"}
-        yield Case((x0, x1, c0, c1, w), right, wrong, hint, "the costs", shapes=shapes)
+        yield costs((x0, x1, c0, c1, 7.0), torch.cdist(x0, x1), torch.cdist(c0, c1), 7.0)
 
 
 @exercise("hw2.pair")
@@ -69,9 +47,7 @@ def pair(answer: Any, seed: int = 0) -> None:
             "the same generator must give the same pairs: randperm(n, generator=generator)"
         )
     if torch.equal(label[target[source.argsort()]], label):  # each row of x0 got its own class
-        raise NotYet(
-            "noise in row i always gets condition c_i: let c0 be a random permutation of c's rows"
-        )
+        raise NotYet("noise in row i always gets c_i: let c0 be a random permutation of c's rows")
     if all(map(torch.equal, rows, other)):
         raise NotYet("another generator must shuffle the conditions in another way")
     far = torch.cdist(x0.double(), x1.double()).square()
@@ -121,9 +97,8 @@ def _rows(part: Tensor, whole: Tensor) -> Tensor:
 
 
 @table("hw2.conditional_w2")
-def conditional_w2(seed: int = 0) -> Cases:
+def conditional_w2(g: Generator) -> Cases:
     """The mean over classes of the squared W2 inside each class."""
-    g = torch.Generator().manual_seed(seed)
     label = torch.arange(24) % 3
     label[label == 2] = torch.where(torch.arange(8) < 4, 2, 0)  # classes of different sizes
     c = torch.eye(3)[label]
@@ -148,9 +123,8 @@ def _w2(a: Tensor, b: Tensor) -> float:
 
 
 @table("hw2.choose_weight")
-def choose_weight(seed: int = 0) -> Cases:
+def choose_weight(g: Generator) -> Cases:
     """The smallest one-step variance among the weights whose skew fits the budget."""
-    g = torch.Generator().manual_seed(seed)
     for case in range(4):
         weights = [0.0, 0.3, 1.0, 4.0, 10.0, 30.0, 100.0]
         skew = (torch.rand(7, generator=g) * 0.05 + torch.linspace(0.5, 0.02, 7)).tolist()
@@ -173,20 +147,14 @@ def _choice(weights: list[float], skew: list[float], variance: list[float], budg
         return Case(given, weights[least], {}, hint, tolerance=0)
     best = min(fits, key=variance.__getitem__)
     cheapest = weights[min(rows, key=variance.__getitem__)]
+    smallest, measured = min(weights[i] for i in fits), (variance[best], skew[best])
     wrong = {
         "return the weight itself, not its place in the list": best,
         "the skew of that weight is above the budget": cheapest,
         "the smallest skew costs variance: any skew within the budget will do": weights[least],
-        "return the weight, not what was measured for it": (
-            lambda found: found in (variance[best], skew[best])
-        ),
-        "the smallest weight within the budget need not have the smallest variance: compare": (
-            min(weights[i] for i in fits)
-        ),
+        "return the weight, not what was measured for it": measured.__contains__,
+        "the smallest weight within the budget need not have the smallest variance": smallest,
         "a large weight is nearly independent coupling: its variance is high": max(weights),
     }
-    hint = (
-        f"of the weights with skew <= {budget:g} the one with the smallest variance is "
-        f"{weights[best]:g}"
-    )
+    hint = f"of the weights with skew <= {budget:g} {weights[best]:g} has the smallest variance"
     return Case(given, weights[best], wrong, hint, tolerance=0)

@@ -1,17 +1,14 @@
 """The checks of homework 3: optimal vector fields."""
 
-from __future__ import annotations
-
 import torch
-from torch import Tensor
+from torch import Generator, Tensor
 
-from cotlearn.homework.checks.common import Case, Cases, one_a_row, table
+from cotlearn.homework.checks.common import Case, Cases, one_a_row, squares, table
 
 
 @table("hw3.gaussian_map")
-def gaussian_map(seed: int = 0) -> Cases:
+def gaussian_map(g: Generator) -> Cases:
     """m + S^(1/2) x."""
-    g = torch.Generator().manual_seed(seed)
     root = torch.tensor([[1.2, 0.5], [0.5, 0.6]]) + 0.1 * torch.rand(1, generator=g)
     mean, x = torch.tensor([2.0, -1.0]), torch.randn(6, 2, generator=g)
     cov = root @ root
@@ -19,9 +16,7 @@ def gaussian_map(seed: int = 0) -> Cases:
     wrong = {
         "that has the right law, but Cholesky's map turns the points: the optimal one is the "
         "symmetric root": mean + x @ lower.T,
-        "that has another law, and is not symmetric: take the symmetric root, eigh helps": (
-            mean + x @ lower
-        ),
+        "that has another law, and is not symmetric: take the root by eigh": mean + x @ lower,
         "that is S x; the covariance of S x is S², so take the root of S": mean + x @ cov,
         "the mean is missing": x @ root,
         "the inverse root leads from the data to the noise": mean + x @ inverse,
@@ -54,9 +49,9 @@ def _solve(x: Tensor, t: float, *, steps: int = 60) -> Tensor:
 
 
 @table("hw3.invert")
-def invert(seed: int = 0) -> Cases:
+def invert(g: Generator) -> Cases:
     """The z with (1 - t) z + t grad(z) = x."""
-    x = torch.randn(8, 2, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    x = torch.randn(8, 2, generator=g, dtype=torch.float64)
     for t in (0.6, 0.0, 0.9):
         yield _inverse(x, t)
 
@@ -67,9 +62,7 @@ def _inverse(x: Tensor, t: float) -> Case:
 
     wrong = {
         "t and 1 - t are swapped: (1 - t) z + t grad(z) = x": _solve(x, 1 - t),
-        "one Newton step is not enough: repeat it until the residual is small": (
-            _solve(x, t, steps=1)
-        ),
+        "one Newton step is not enough: repeat until the residual is small": _solve(x, t, steps=1),
         "the (1 - t) z is missing: that solves grad(z) = x": _solve(x, 1.0),
         "that goes forward; the z that leads to x is asked for": _gradient(x),
         "that goes forward, from z to x; solve the equation for z": left(x),
@@ -85,10 +78,10 @@ def _inverse(x: Tensor, t: float) -> Case:
 
 
 @table("hw3.ofm_loss")
-def ofm_loss(seed: int = 0) -> Cases:
+def ofm_loss(g: Generator) -> Cases:
     """|grad(z0) - z0 - (x1 - x0)|^2 for each row, z0 = invert(x_t, t)."""
-    g = torch.Generator().manual_seed(seed)
     x0, x1 = (torch.randn(5, 2, generator=g, dtype=torch.float64) for _ in range(2))
+    line = x1 - x0
 
     def squared(z: Tensor, target: Tensor) -> Tensor:
         return (_gradient(z) - z - target).square().sum(1)
@@ -97,19 +90,15 @@ def ofm_loss(seed: int = 0) -> Cases:
         z0 = _solve((1 - t) * x0 + t * x1, t)
         back = _solve(t * x0 + (1 - t) * x1, t)
         moved = (z0 - x0).square().sum(1)
-        right = squared(z0, x1 - x0)
+        right = squared(z0, line)
         wrong = {
             "|z0 - x0|² still has to be divided by t²; or use grad(z0) - z0 - (x1 - x0)": moved,
             "divide by t², not by t": moved / t,
-            "the field at x_t is that of z0, the point that flows to x_t, not that of x0": (
-                squared(x0, x1 - x0)
-            ),
-            "the target velocity is x1 - x0, not x0 - x1": squared(z0, x0 - x1),
-            "the ends are swapped: x_t = (1 - t) x0 + t x1": squared(back, x1 - x0),
-            "the field is grad(z0) - z0": squared(z0, x1 - x0 - z0),
-            "grad(z0) is where z0 ends; the *velocity* grad(z0) - z0 is compared with x1 - x0": (
-                squared(z0, x1 - z0)
-            ),
+            "the field at x_t is that of z0, which flows to x_t, not that of x0": squared(x0, line),
+            "the target velocity is x1 - x0, not x0 - x1": squared(z0, -line),
+            "the ends are swapped: x_t = (1 - t) x0 + t x1": squared(back, line),
+            "the field is grad(z0) - z0": squared(z0, line - z0),
+            "grad(z0) is where z0 ends; compare the *velocity* grad(z0) - z0": squared(z0, x1 - z0),
             "sum over the coordinates, do not average": right / 2,
             "that is the distance; the loss is its square": right.sqrt(),
         }
@@ -119,24 +108,19 @@ def ofm_loss(seed: int = 0) -> Cases:
 
 
 @table("hw3.l2_uvp")
-def l2_uvp(seed: int = 0) -> Cases:
+def l2_uvp(g: Generator) -> Cases:
     """100 E|T - T*|^2 / trace(S)."""
-    g = torch.Generator().manual_seed(seed)
     found, truth = torch.randn(9, 2, generator=g), torch.randn(9, 2, generator=g)
     cov = torch.tensor([[1.5, 0.4], [0.4, 0.7]])
     error, trace = (found - truth).square().sum(1).mean(), cov.trace()
-    distance = (found - truth).norm(dim=1).mean()
     right = 100 * error / trace
-    wrong = {
+    wrong = squares(found - truth, 100 / trace) | {
         "in percent: times 100": error / trace,
         "divide by the variance of the target, trace(S)": 100 * error,
-        "sum the squares over the coordinates, average over the rows only": right / 2,
-        "average over the rows, do not sum": right * 9,
         "the variance is trace(S), not det(S)": 100 * error / torch.linalg.det(cov),
         "only the diagonal of S counts: its trace": 100 * error / cov.sum(),
         "the trace is the sum of the diagonal": 2 * right,
         "divide by the variance, not by its root": 100 * error / trace.sqrt(),
-        "square the distances before the mean": 100 * distance / trace,
         "no root: it is a share of variance": 100 * (error / trace).sqrt(),
     }
     yield Case((found, truth, cov), right, wrong)

@@ -1,11 +1,11 @@
 """The checks of homework 4: a policy for a task with a twist."""
 
-from __future__ import annotations
-
+import functools
 import math
 from typing import Any
 
 import numpy as np
+from torch import Generator
 
 from cotlearn.homework.checks.common import Array, Case, Cases, array, number, table, turned
 from cotlearn.homework.registry import NotYet
@@ -15,47 +15,31 @@ SIZE = 512.0
 
 
 @table("hw4.retarget")
-def retarget(seed: int = 0) -> Cases:
+def retarget(g: Generator) -> Cases:
     """The rigid motion that brings a new goal to the usual one, applied to states."""
-    g = np.random.default_rng(seed)
+    rng = np.random.default_rng(g.initial_seed())
     for goal in ((300.0, 220.0, math.pi / 4), (320.0, 230.0, -0.9), (256.0, 256.0, 2.0)):
-        places = g.uniform(60, 450, (4, 2, 4))
-        states = np.concatenate([places, g.uniform(-3, 3, (4, 2, 1))], axis=-1)
-        right = _retarget(states, goal)
+        places = rng.uniform(60, 450, (4, 2, 4))
+        states = np.concatenate([places, rng.uniform(-3, 3, (4, 2, 1))], axis=-1)
+        seen = functools.partial(_retarget, states, goal)
         shifted = states.copy()
         shifted[..., :4] += np.tile(np.array(GOAL[:2]) - goal[:2], 2)
-        half = np.concatenate([shifted[..., :4], right[..., 4:]], axis=-1)
-        zero, old = (0.0, 0.0), (GOAL[0], GOAL[1])
+        half = np.concatenate([shifted[..., :4], seen()[..., 4:]], axis=-1)
         wrong = {
             "nothing has moved: the new goal must become the usual one": states,
             "moved and not turned: turn the places about the goal by GOAL[2] - goal[2]": half,
             "moved and not turned: the goal's angle differs, too": shifted,
-            "the places turn the wrong way: by GOAL[2] - goal[2]": _retarget(states, goal, turn=-1),
-            "turned the wrong way: by GOAL[2] - goal[2], not goal[2] - GOAL[2]": (
-                _retarget(states, goal, turn=-1, angle=-1)
-            ),
-            "the T's own angle turns with the rest: add GOAL[2] - goal[2] to it": (
-                _retarget(states, goal, angle=0)
-            ),
-            "the T's angle turns as the places do: add GOAL[2] - goal[2], do not subtract": (
-                _retarget(states, goal, angle=-1)
-            ),
-            "turn about the goal: subtract goal's place, turn, then add GOAL's": (
-                _retarget(states, goal, about=zero)
-            ),
-            "turn about the new goal's place, not about the old one's": (
-                _retarget(states, goal, about=old)
-            ),
-            "the agent moves too: the first two numbers are a place like the next two": (
-                _retarget(states, goal, agent=False)
-            ),
+            "the places turn the wrong way: by GOAL[2] - goal[2]": seen(turn=-1),
+            "turned by goal[2] - GOAL[2], the wrong way": seen(turn=-1, angle=-1),
+            "the T's own angle turns with the rest: add GOAL[2] - goal[2] to it": seen(angle=0),
+            "the T's angle turns as the places do: add, do not subtract": seen(angle=-1),
+            "turn about the goal: subtract its place, turn, then add GOAL's": seen(about=(0, 0)),
+            "turn about the new goal's place, not about the old one's": seen(about=GOAL[:2]),
+            "the agent moves too: its two numbers are a place like the T's": seen(agent=False),
         }
-        hint = (
-            "a T that lies on the new goal must be seen on the usual one; try it with "
-            "states = [[0, 0, *goal]]"
-        )
-        round_wrong = {words: _round(value) for words, value in wrong.items()}
-        yield Case((states, goal), _round(right), round_wrong, hint, read=_read_states)
+        hint = "a T on the new goal must be seen on the usual one; try states = [[0, 0, *goal]]"
+        wrong = {words: _round(value) for words, value in wrong.items()}
+        yield Case((states, goal), _round(seen()), wrong, hint, read=_read_states)
 
 
 def _retarget(
@@ -63,7 +47,7 @@ def _retarget(
     goal: tuple[float, ...],
     *,
     turn: float = 1.0,
-    about: tuple[float, float] | None = None,
+    about: tuple[float, ...] | None = None,
     angle: float = 1.0,
     agent: bool = True,
 ) -> Array:
@@ -87,23 +71,20 @@ def _round(states: Array) -> Array:
 
 
 @table("hw4.give_back")
-def give_back(seed: int = 0) -> Cases:
+def give_back(g: Generator) -> Cases:
     """The inverse motion, applied to actions, cut to the world."""
-    g = np.random.default_rng(seed)
+    rng = np.random.default_rng(g.initial_seed())
     goal = (320.0, 230.0, -0.9)
     to, usual, turn = np.array(goal[:2]), np.array(GOAL[:2]), goal[2] - GOAL[2]
-    inside = usual + g.uniform(-80, 80, (3, 4, 2))
+    inside = usual + rng.uniform(-80, 80, (3, 4, 2))
     corner = np.array([[[500.0, 8.0], [4.0, 500.0]]])
+    again, swapped = (turned(inside - to, angle) + usual for angle in (-turn, turn))
     wrong = {
         "nothing has moved: the policy speaks of its own goal, not of the new one": inside,
-        "that is the way in, once more; the way back is its inverse": (
-            turned(inside - to, -turn) + usual
-        ),
-        "turn back by minus the angle of the way in": turned(inside - usual, -turn) + to,
+        "that is retarget once more; what is needed is its inverse": again,
+        "turn back by minus the angle of retarget": turned(inside - usual, -turn) + to,
         "moved back, and not turned back: by goal[2] - GOAL[2]": inside - usual + to,
-        "subtract GOAL's place, turn back, then add goal's: you have them swapped": (
-            turned(inside - to, turn) + usual
-        ),
+        "subtract GOAL's place, turn back, then add goal's: you have them swapped": swapped,
     }
     hint = "retarget, then give_back, must change nothing"
     yield Case((inside, goal), turned(inside - usual, turn) + to, wrong, hint, "the actions")
@@ -113,19 +94,17 @@ def give_back(seed: int = 0) -> Cases:
 
 
 @table("hw4.clearance")
-def clearance(seed: int = 0) -> Cases:
+def clearance(g: Generator) -> Cases:
     """The smallest distance from a point to each of several polylines."""
-    g = np.random.default_rng(seed)
+    rng = np.random.default_rng(g.initial_seed())
     for _ in range(3):
-        paths, centre = g.uniform(0, 300, (6, 3, 2)), g.uniform(100, 200, 2)
+        paths, centre = rng.uniform(0, 300, (6, 3, 2)), rng.uniform(100, 200, 2)
         right = _clearance(paths, centre)
         points = np.linalg.norm(paths - centre, axis=-1)
         middles = np.linalg.norm((paths[:, :-1] + paths[:, 1:]) / 2 - centre, axis=-1)
         lines = _clearance(paths, centre, clamp=False)
         wrong = {
-            "the path can pass close by *between* its points: measure the distance to segments": (
-                points.min(1)
-            ),
+            "the path can pass close by *between* its points: measure to segments": points.min(1),
             "a segment ends: clip the share along it to [0, 1], or you measure to the line": lines,
             "that is the distance of the last point only": points[:, -1],
             "that is the squared distance": right**2,
@@ -149,12 +128,12 @@ def _clearance(paths: Array, centre: Array, *, clamp: bool = True) -> Array:
 
 
 @table("hw4.choose")
-def choose(seed: int = 0) -> Cases:
+def choose(g: Generator) -> Cases:
     """The first chunk that is clear enough, else the clearest."""
-    g = np.random.default_rng(seed)
+    rng = np.random.default_rng(g.initial_seed())
     close = "that chunk comes too close: its clearance is below what is needed"
     for _ in range(4):
-        values = np.array([10.0, 12.0, 60.0, 90.0, 45.0]) + g.uniform(0, 5, 5)
+        values = np.array([10.0, 12.0, 60.0, 90.0, 45.0]) + rng.uniform(0, 5, 5)
         wrong = {
             "the clearest chunk is not what the policy would do: the first that is clear enough "
             "keeps its distribution": 3,

@@ -1,7 +1,5 @@
 """The checks of notebook 00."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

@@ -1,20 +1,18 @@
 """The checks of notebook 01."""
 
-from __future__ import annotations
-
+import functools
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Generator, Tensor
 
 from cotlearn.homework.checks.common import Case, Cases, one_of_two, table
 from cotlearn.homework.registry import NotYet
 
 
 @table("01.interpolate")
-def interpolate() -> Cases:
+def interpolate(g: Generator) -> Cases:
     """The straight path and its velocity, with one time for each row."""
-    g = torch.Generator().manual_seed(0)
     two = "return two things: the place x_t and the velocity"
     for n, d in ((5, 2), (3, 3)):  # in a square batch a forgotten t[:, None] raises nothing
         x0, x1 = torch.randn(n, d, generator=g), torch.randn(n, d, generator=g)
@@ -26,22 +24,21 @@ def interpolate() -> Cases:
             hint = "t belongs to rows: in a square batch t without [:, None] is applied to columns"
             wrong[hint] = (1 - t) * x0 + t * x1
         hint = "the place is not on the line: it is (1 - t) x0 + t x1"
-        first = one_of_two(0, (n, d), "the place", two)
-        yield Case((x0, x1, t), place, wrong, hint, read=first)
+        read = one_of_two(0, (n, d), "the place", two)
+        yield Case((x0, x1, t), place, wrong, hint, read=read)
         wrong = {
             "the velocity points backwards: the line runs from x0 to x1": x0 - x1,
             "x1 - x_t is the distance that remains; the velocity never changes": x1 - place,
             "you returned the place twice; differentiate it with respect to t": place,
         }
         hint = "differentiate (1 - t) x0 + t x1 with respect to t"
-        second = one_of_two(1, (n, d), "the velocity", two)
-        yield Case((x0, x1, t), x1 - x0, wrong, hint, read=second)
+        read = one_of_two(1, (n, d), "the velocity", two)
+        yield Case((x0, x1, t), x1 - x0, wrong, hint, read=read)
 
 
-@table("01.velocity_from_end")
-def velocity_from_end() -> Cases:
+@table("01.velocity_from_end", seed=1)
+def velocity_from_end(g: Generator) -> Cases:
     """(end - x) / (1 - t), with one time for each row."""
-    g = torch.Generator().manual_seed(1)
     for n, d in ((6, 2), (3, 3)):
         x, end = torch.randn(n, d, generator=g), torch.randn(n, d, generator=g)
         t = torch.tensor([0.2, 0.75, 0.6, 0.4, 0.9, 0.1])[:n]
@@ -62,37 +59,34 @@ def velocity_from_end() -> Cases:
 @table("01.midpoint")
 def midpoint() -> Cases:
     """nfe / 2 midpoint steps of a field that depends on t and x."""
-    calls = 0
+    calls: list[Any] = []
 
     def velocity(t: Any, x: Tensor) -> Tensor:
-        nonlocal calls
-        calls += 1
+        calls.append(t)
         return _field(t, x)
 
     def otherwise(found: Tensor) -> str:
-        if calls != nfe:
-            return f"nfe={nfe} must evaluate the velocity {nfe} times, not {calls}"
+        if len(calls) != nfe:
+            return f"nfe={nfe} must evaluate the velocity {nfe} times, not {len(calls)}"
         return "one step: half = x + h/2 v(t, x), then x + h v(t + h/2, half), h = 2/nfe"
 
+    nfe = 8
     x0 = torch.tensor([[0.3, -0.7], [1.1, 0.2], [-0.4, 0.9]])
-    nfe, steps = 8, 4
-    right, twice = _midpoint(x0, steps), _midpoint(x0, nfe)
-    end = _midpoint(x0, steps, trial=1.0, late=1.0)
+    walk = functools.partial(_midpoint, x0, nfe // 2)
+    right, twice = walk(), _midpoint(x0, nfe)
     wrong = {
         f"nfe={nfe} bought {2 * nfe} evaluations; a step needs two: take nfe / 2 steps": twice,
         "this is Euler: evaluate again after half a step": _midpoint(x0, nfe, trial=0, late=0),
-        "the second evaluation must be at the midpoint, not at x": _midpoint(x0, steps, trial=0),
-        "this is Euler with half the steps": _midpoint(x0, steps, trial=0, late=0),
-        "the second evaluation is at time t + h / 2": _midpoint(x0, steps, late=0),
-        "try half a step, not a whole one": _midpoint(x0, steps, trial=1.0),
-        "you evaluate at the end of the step; evaluate in its middle": end,
-        "this is Heun's rule: as accurate, but not the midpoint": _heun(x0, steps),
-        "after the trial go back: the step starts at x, not at the midpoint": (
-            _midpoint(x0, steps, back=False)
-        ),
+        "the second evaluation must be at the midpoint, not at x": walk(trial=0),
+        "this is Euler with half the steps: go on to the midpoint": walk(trial=0, late=0),
+        "the second evaluation is at time t + h / 2": walk(late=0),
+        "try half a step, not a whole one": walk(trial=1),
+        "you evaluate at the end of the step; evaluate in its middle": walk(trial=1, late=1),
+        "this is Heun's rule: as accurate, but not the midpoint": _heun(x0, nfe // 2),
+        "after the trial go back: the step starts at x, not at the midpoint": walk(back=False),
     }
     yield Case((velocity, x0, nfe), right, wrong, otherwise, "the last state (and only that)")
-    if calls != nfe:
+    if len(calls) != nfe:
         raise NotYet(otherwise(right))
 
 

@@ -1,14 +1,12 @@
 """The checks of notebook 02."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from cotlearn.homework.checks.common import Case, Cases, cheapest, permutation, table
+from cotlearn.homework.checks.common import Case, Cases, cheapest, permutation, squares, table
 from cotlearn.homework.registry import NotYet
 
 
@@ -17,15 +15,11 @@ def transport_cost() -> Cases:
     """The mean squared distance of a pairing."""
     x0, x1 = _points(6, 3, seed=0)
     p = torch.tensor([2, 0, 1, 5, 3, 4])
-    off, far = x0 - x1[p], torch.cdist(x0, x1)
-    wrong = {
-        "this is the total; take the mean over the pairs": off.square().sum(),
-        "take the mean over pairs, but the sum over coordinates": off.square().mean(),
-        "these are distances; the cost is their square": off.norm(dim=1).mean(),
-        "square each distance first, then take the mean": off.norm(dim=1).mean() ** 2,
-        "p is not used, or on both sides: x0[i] meets x1[p[i]]": far.diagonal().square().mean(),
-        "p belongs to x1: x0[i] meets x1[p[i]]": (x0[p] - x1).square().sum(dim=1).mean(),
-        "this averages over all pairs, not over those of p": far.square().mean(),
+    off, far = x0 - x1[p], torch.cdist(x0, x1).square()
+    wrong = squares(off) | {
+        "p is not used, or on both sides: x0[i] meets x1[p[i]]": far.diagonal().mean(),
+        "p belongs to x1: x0[i] meets x1[p[i]]": far[p, range(6)].mean(),
+        "this averages over all pairs, not over those of p": far.mean(),
     }
     yield Case((x0, x1, p), off.square().sum(dim=1).mean(), wrong)
 

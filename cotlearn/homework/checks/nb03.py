@@ -1,27 +1,26 @@
 """The checks of notebook 03."""
 
-from __future__ import annotations
-
 import math
+from typing import Any
 
 import numpy as np
 import torch
+from torch import Generator, Tensor
 
 from cotlearn.gaussian import bures_squared
-from cotlearn.homework.checks.common import Case, Cases, cheapest, one_of_two, table
+from cotlearn.homework.checks.common import Case, Cases, Shapes, cheapest, one_of_two, table
 
 
-@table("03.labels_follow")
-def labels_follow() -> Cases:
+@table("03.labels_follow", seed=3)
+def labels_follow(g: Generator) -> Cases:
     """Optimal pairs of four points by brute force; the labels go with their data."""
-    g = torch.Generator().manual_seed(3)
     two = "return two tensors: the data and their labels, in the order of x0"
     for _ in range(5):
         x0, x1 = torch.randn(4, 2, generator=g), 3 * torch.randn(4, 2, generator=g)
         c = torch.eye(4)
         order = cheapest(torch.cdist(x0, x1).square())
-        hint = "this is the inverse permutation: row i must be the partner of x0[i]"
-        wrong = {hint: x1[order.argsort()]}
+        inverse = x1[order.argsort()]
+        wrong = {"this is the inverse permutation: row i must be the partner of x0[i]": inverse}
         hint = "these are not the pairs with the smallest total squared distance"
         read = one_of_two(0, (4, 2), "the data", two)
         yield Case((x0, x1, c), x1[order], wrong, hint, read=read, unchanged=True)
@@ -31,25 +30,34 @@ def labels_follow() -> Cases:
         yield Case((x0, x1, c), c[order], wrong, hint, read=read)
 
 
-@table("03.augmented_cost")
-def augmented_cost() -> Cases:
+@table("03.augmented_cost", seed=4)
+def augmented_cost(g: Generator) -> Cases:
     """Compare with the formula entry by entry."""
-    g = torch.Generator().manual_seed(4)
     x0, x1 = torch.randn(5, 2, generator=g), torch.randn(5, 2, generator=g)
     c0, c = torch.randn(5, 3, generator=g), torch.randn(5, 3, generator=g)
-    far, apart = torch.cdist(x0, x1), torch.cdist(c0, c)
     for weight in (0.0, 1.0, 7.0):
-        right = far**2 + weight * apart**2
-        wrong = {
-            "the distances must be squared": far + weight * apart,
-            "the sample's distance must be squared too": far + weight * apart**2,
-            "the condition's distance must be squared": far**2 + weight * apart,
-            "rows belong to x0 and columns to x1": right.T,
-            "the formula has w, not w squared": far**2 + weight**2 * apart**2,
-            "the weight belongs to the condition only": weight * (far**2 + apart**2),
-        }
-        hint = f"for weight {weight:g} the entries are not those of the formula"
-        yield Case((x0, c0, x1, c, weight), right, wrong, hint, "the cost")
+        yield costs((x0, c0, x1, c, weight), torch.cdist(x0, x1), torch.cdist(c0, c), weight)
+
+
+def costs(given: tuple[Any, ...], far: Tensor, apart: Tensor, w: float) -> Case:
+    """All far² + w apart², from distances between samples and between conditions, (n, m)."""
+    n, m = far.shape
+    right = far**2 + w * apart**2
+    wrong = {
+        "square the distances": far + w * apart,
+        "square the distance of x0 and x1, too": far + w * apart**2,
+        "square the distance of the conditions, too": far**2 + w * apart,
+        "the weight itself is not squared": far**2 + w**2 * apart**2,
+        "the conditions do not count yet: add weight times their squared distance": far**2,
+        "only the conditions count; add the distance of x0 and x1": w * apart**2,
+        "the weight belongs to the conditions": w * far**2 + apart**2,
+        "the weight belongs to the conditions alone": w * (far**2 + apart**2),
+        "no root: the cost is a sum of squares": right.sqrt(),
+        "rows belong to x0 and columns to x1": right.T,
+    }
+    hint = f"with weight {w:g} entry i, j is |x0_i - x1_j|² + {w:g} |c0_i - c1_j|²"
+    shapes: Shapes = {(m, n): f"rows belong to x0 and columns to x1: shape ({n}, {m})"}
+    return Case(given, right, wrong, hint, "the cost", shapes=shapes)
 
 
 @table("03.skew")

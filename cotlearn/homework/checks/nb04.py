@@ -1,7 +1,5 @@
 """The checks of notebook 04."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch
@@ -25,10 +23,9 @@ def candidates() -> Cases:
         yield Case((B, K), right, wrong)
 
 
-@table("04.balanced_weight")
-def balanced_weight() -> Cases:
+@table("04.balanced_weight", seed=4)
+def balanced_weight(g: torch.Generator) -> Cases:
     """COT Policy's rule, with the mistakes that are easily made."""
-    g = torch.Generator().manual_seed(4)
     for scale in (1.0, 7.0):
         x0, x1 = torch.randn(40, 2, generator=g), scale * torch.randn(40, 2, generator=g)
         c = torch.randn(40, 3, generator=g)

@@ -1,19 +1,16 @@
 """The checks of notebook 05."""
 
-from __future__ import annotations
-
 import math
 
 import torch
-from torch import Tensor
+from torch import Generator, Tensor
 
 from cotlearn.homework.checks.common import Case, Cases, table
 
 
-@table("05.pair_weights")
-def pair_weights() -> Cases:
+@table("05.pair_weights", seed=5)
+def pair_weights(g: Generator) -> Cases:
     """floor(B p) rows with the lowest error weigh 1 + boost, then the mean is 1."""
-    g = torch.Generator().manual_seed(5)
     for rows, fraction, boost in ((10, 0.4, 0.5), (7, 0.5, 1.0), (6, 1.0, 0.5)):
         yield _weights(torch.rand(rows, generator=g) + 0.1, fraction, boost)
 
@@ -62,10 +59,9 @@ def evaluations() -> Cases:
         yield Case((B, K), B * (1 + K), wrong, hint, tolerance=0)
 
 
-@table("05.at_zero")
-def at_zero() -> Cases:
+@table("05.at_zero", seed=6)
+def at_zero(g: Generator) -> Cases:
     """The table of an untrained network that says 0 everywhere is the squared distance."""
-    g = torch.Generator().manual_seed(6)
     x0, x1 = torch.randn(5, 3, generator=g), 2 * torch.randn(5, 3, generator=g)
     right = torch.cdist(x0, x1).square()
     wrong = {

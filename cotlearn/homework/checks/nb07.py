@@ -1,7 +1,5 @@
 """The checks of notebook 07."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

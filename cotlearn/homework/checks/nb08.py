@@ -1,76 +1,55 @@
 """The checks of notebook 08."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from cotlearn.homework.checks.common import Case, Cases, expect_function, table
+import numpy as np
+
+from cotlearn.homework.checks.common import Array, Case, Cases, expect_function, table
 from cotlearn.homework.registry import NotYet
-
-_INTERVALS = (  # low, high, margin
-    (-0.01, 0.02, 0.02),
-    (-0.05, 0.01, 0.02),
-    (-0.06, -0.03, 0.02),
-    (-0.015, -0.005, 0.02),
-    (0.01, 0.03, 0.02),
-    (-0.03, -0.01, 0.02),
-    (-0.30, 0.25, 0.02),
-    (0.005, 0.012, 0.02),
-    (-0.04, -0.01, 0.05),
-)
-
-
-def _verdict(low: float, high: float, margin: float) -> str:
-    return "shown" if low > -margin else "refuted" if high < -margin else "open"
-
-
-def _words(rule: Callable[[float, float, float], Any]) -> list[Any]:
-    return [rule(*interval) for interval in _INTERVALS]
 
 
 @table("08.verdict")
 def verdict() -> Cases:
     """Non-inferiority from an interval of a difference."""
+    low = np.array([-0.01, -0.05, -0.06, -0.015, 0.01, -0.03, -0.30, 0.005, -0.04])
+    high = np.array([0.02, 0.01, -0.03, -0.005, 0.03, -0.01, 0.25, 0.012, -0.01])
+    margin = np.array([0.02] * 8 + [0.05])
+    cases = list(zip(low.tolist(), high.tolist(), margin.tolist(), strict=True))
 
-    def read(answer: Any) -> list[Any]:
+    def words(low: Array, high: Array, margin: Array) -> list[str]:
+        rest = np.where(high < -margin, "refuted", "open")
+        return [str(word) for word in np.where(low > -margin, "shown", rest)]
+
+    def read(answer: Any) -> list[str]:
         expect_function(answer)
-        said = _words(answer)
+        said = [answer(*case) for case in cases]
         for word in said:
             if word not in ("shown", "refuted", "open"):
                 raise NotYet(f"return one of the words 'shown', 'refuted' and 'open', got {word!r}")
         return said
 
-    def otherwise(said: list[Any]) -> str:
-        (low, high, margin), expected, got = next(
-            row for row in zip(_INTERVALS, right, said, strict=True) if row[1] != row[2]
-        )
-        return (
-            f"for a difference between {low} and {high} and a margin of {margin} expected "
-            f"{expected!r}, got {got!r}"
-        )
+    def otherwise(said: list[str]) -> str:
+        k = next(k for k, word in enumerate(said) if word != right[k])
+        where = "for a difference between {} and {} and a margin of {}".format(*cases[k])
+        return f"{where} expected {right[k]!r}, got {said[k]!r}"
 
-    right = _words(_verdict)
+    right, middle = words(low, high, margin), (low + high) / 2
+    around_0 = ["open" if a < 0 < b else word for (a, b, _), word in zip(cases, right, strict=True)]
+    never_open = ["shown" if a > -m else "refuted" for a, _, m in cases]
     wrong = {
-        "that compares with 0; a loss of less than the margin is allowed: compare with -margin": (
-            _words(lambda low, high, margin: _verdict(low, high, 0.0))
+        "that compares with 0; a loss below the margin is allowed: use -margin": (
+            words(low, high, 0 * margin)
         ),
         "that asks for a gain of more than the margin: the line lies at -margin": (
-            _words(lambda low, high, margin: _verdict(low, high, -margin))
+            words(low, high, -margin)
         ),
-        "an interval may contain 0 and still lie wholly above -margin: then it is shown": (
-            _words(lambda low, high, m: "open" if low < 0 < high else _verdict(low, high, m))
+        "an interval may contain 0 and still lie above -margin: then it is shown": around_0,
+        "the whole interval has to lie above -margin: the lower end decides": (
+            words(high, low, margin)
         ),
-        "the whole interval has to lie above -margin, so it is the lower end that decides": (
-            _words(lambda low, high, margin: _verdict(high, low, margin))
-        ),
-        "the middle alone says nothing about how sure we are: use both ends": (
-            _words(lambda low, high, margin: _verdict((low + high) / 2, (low + high) / 2, margin))
-        ),
-        "an interval that contains -margin decides nothing: that is 'open'": (
-            _words(lambda low, high, margin: "shown" if low > -margin else "refuted")
-        ),
+        "the middle says nothing of how sure we are: use both ends": words(middle, middle, margin),
+        "an interval that contains -margin decides nothing: that is 'open'": never_open,
     }
     yield Case(None, right, wrong, otherwise, read=read)
 

@@ -1,7 +1,5 @@
 """The checks of notebook 09."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cotlearn.homework.checks.common import Array, Case, Cases, table

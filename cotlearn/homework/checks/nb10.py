@@ -1,7 +1,5 @@
 """The checks of notebook 10."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,17 +1,14 @@
 """The checks of notebook 11."""
 
-from __future__ import annotations
-
 import torch
-from torch import Tensor
+from torch import Generator, Tensor
 
 from cotlearn.homework.checks.common import Case, Cases, table
 
 
 @table("11.place")
-def place() -> Cases:
+def place(g: Generator) -> Cases:
     """The mean place of a softmax over the cells of a grid."""
-    g = torch.Generator().manual_seed(0)
     for height, width in ((4, 4), (3, 7)):
         h = 2 * torch.randn(5, height, width, generator=g)
         x, y = torch.linspace(-1, 1, width), torch.linspace(-1, 1, height)
@@ -40,10 +37,9 @@ def _mean(share: Tensor, x: Tensor, y: Tensor) -> Tensor:
     return torch.stack([share.sum(dim=1) @ x, share.sum(dim=2) @ y], dim=1)
 
 
-@table("11.components")
-def components() -> Cases:
+@table("11.components", seed=1)
+def components(g: Generator) -> Cases:
     """(pixels - mean) basis^T, with the mean that was fitted."""
-    g = torch.Generator().manual_seed(1)
     pixels, mean = torch.rand(6, 20, generator=g), torch.rand(20, generator=g)
     basis = torch.linalg.qr(torch.randn(20, 3, generator=g)).Q.T.contiguous()
     wrong = {

@@ -1,7 +1,5 @@
 """The checks of notebook 12."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -46,10 +44,10 @@ def _decision(scores: dict[str, Array], right: str) -> Case:
     return Case((scores, {"naive OT"}), right, wrong, hint)
 
 
-@table("12.guided")
-def guided() -> Cases:
+@table("12.guided", seed=12)
+def guided(g: torch.Generator) -> Cases:
     """The velocity without the label, pushed on towards the one with it."""
-    with_label, without = torch.randn(2, 6, 2, generator=torch.Generator().manual_seed(12))
+    with_label, without = torch.randn(2, 6, 2, generator=g)
     step = with_label - without
     for scale in (2.5, 1.0, 0.0):
         wrong = {
