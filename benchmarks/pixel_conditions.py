@@ -4,8 +4,8 @@ Push-T from pixels, as in `cotlearn bench push-t-pixels`: its network, budget an
 for one cell one training seed. Strata, with and without residuals, by clusters of the pixels (COT
 Policy's recipe), of the true state seen from the T, or of the features of a network that has been
 trained with independent pairs; in each, noise is paired with chunks in the directions of the world,
-or as they look from the T (`Framed`); and in that frame naive OT. The best of these, residuals by
-the state, again with finer strata and another seed. Some five CPU minutes a cell.
+or as they look from the T (`Transformed`); and in that frame naive OT. The best of these, residuals
+by the state, again with finer strata and another seed. Some five CPU minutes a cell.
 
     python benchmarks/pixel_conditions.py
 
@@ -24,7 +24,7 @@ from short_training import train_and_roll
 from torch import Tensor
 
 from cotlearn.assets import find_data
-from cotlearn.couplings import Coupling, Framed, KMeansCondition, Viewed
+from cotlearn.couplings import Coupling, EmbeddedClusters, KMeansCondition, Transformed
 from cotlearn.datasets import Dataset
 from cotlearn.policies.camera import CameraNetwork, SeenFromT
 from cotlearn.policies.pixels import CameraOptions
@@ -78,7 +78,7 @@ class Sight(CameraOptions):
 
     def condition_of(
         self, method: str, data: Dataset, windows: Windows | None = None
-    ) -> Viewed | None:
+    ) -> EmbeddedClusters | None:
         """Clusters of what is seen."""
         assert windows is not None
         if self.sees in ("pixels", "nothing"):
@@ -86,10 +86,10 @@ class Sight(CameraOptions):
         assert data.c is not None
         assert self.clusters is not None
         view = StateFromT(self.camera(windows)) if self.sees == "state" else features
-        return Viewed(view, KMeansCondition(self.clusters)).fit(data.c)
+        return EmbeddedClusters(view, KMeansCondition(self.clusters)).fit(data.c)
 
     def coupling_of(
-        self, method: str, seen: Viewed | None = None, windows: Windows | None = None
+        self, method: str, seen: EmbeddedClusters | None = None, windows: Windows | None = None
     ) -> Coupling:
         """In the frame of the T, if asked."""
         coupling = super().coupling_of(method, seen, windows)
@@ -97,7 +97,7 @@ class Sight(CameraOptions):
             return coupling
         assert windows is not None
         turn = SeenFromT(self.camera(windows))
-        return Framed(coupling, turn.into, turn.out)
+        return Transformed(coupling, turn.into, turn.out)
 
 
 def features(c: Tensor) -> Tensor:

@@ -24,9 +24,9 @@ from short_training import rolled
 from torch import Tensor
 
 from cotlearn.assets import find_data
-from cotlearn.couplings import Centred, Coupling
+from cotlearn.couplings import Coupling, centred
 from cotlearn.couplings.base import generator_for
-from cotlearn.couplings.conditions import Viewed
+from cotlearn.couplings.conditions import EmbeddedClusters
 from cotlearn.diagnostics import linear_skew
 from cotlearn.policies.comparison.choice import seen_by
 from cotlearn.policies.training import Options, train
@@ -69,10 +69,10 @@ class Quadratic(Options):
     mean: QuadraticMean = field(default_factory=QuadraticMean)
 
     def coupling_of(
-        self, method: str, seen: Viewed | None = None, windows: Windows | None = None
+        self, method: str, seen: EmbeddedClusters | None = None, windows: Windows | None = None
     ) -> Coupling:
         """That of the method, centred."""
-        return Centred(super().coupling_of(method, seen, windows), self.mean)
+        return centred(super().coupling_of(method, seen, windows), self.mean)
 
 
 def main() -> None:

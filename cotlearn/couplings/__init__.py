@@ -3,28 +3,27 @@
 from cotlearn.couplings.adaptive import AdaptiveConditionalOT
 from cotlearn.couplings.aligned import ModelAligned
 from cotlearn.couplings.base import Coupling, Pairs, Sampler, Source
-from cotlearn.couplings.centred import Centred
 from cotlearn.couplings.conditional import ConditionalOT
 from cotlearn.couplings.conditions import (
+    EmbeddedClusters,
     KMeansCondition,
     PCAKMeansCondition,
-    Viewed,
     combine,
-    standardise,
 )
-from cotlearn.couplings.framed import Framed
 from cotlearn.couplings.independent import Independent
 from cotlearn.couplings.optimal import MinibatchOT
-from cotlearn.couplings.reflow import Reflow
+from cotlearn.couplings.reflow import FixedPairs, Reflow
 from cotlearn.couplings.semidiscrete import SemidiscreteOT
 from cotlearn.couplings.stratified import StratifiedOT
+from cotlearn.couplings.transformed import Transformed, centred
+from cotlearn.renamed import renamed
 
 __all__ = [
     "AdaptiveConditionalOT",
-    "Centred",
     "ConditionalOT",
     "Coupling",
-    "Framed",
+    "EmbeddedClusters",
+    "FixedPairs",
     "Independent",
     "KMeansCondition",
     "MinibatchOT",
@@ -36,7 +35,11 @@ __all__ = [
     "SemidiscreteOT",
     "Source",
     "StratifiedOT",
-    "Viewed",
+    "Transformed",
+    "centred",
     "combine",
-    "standardise",
 ]
+
+__getattr__ = renamed(
+    __name__, {"Centred": "centred", "Framed": "Transformed", "Viewed": "EmbeddedClusters"}
+)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -9,12 +12,13 @@ from torch import Tensor, nn
 
 from cotlearn.couplings.assignment import exact_permutation, sinkhorn_plan
 from cotlearn.couplings.base import Coupling, Match, squared_distances, to_numpy
-from cotlearn.validation import check_choice, check_condition, check_count, check_number
+from cotlearn.validation import check_choice, check_count, check_number
 
 VARIANTS = ("weighted", "topk", "full")
 LIMIT = 64  #: rows of a "full" batch with continuous conditions: B^2 evaluations
 
 
+@dataclass(repr=False)
 class ModelAligned(Coupling):
     """Three algorithms that carry the name MAC (Lin 2505.23346), scored by the EMA network.
 
@@ -45,35 +49,31 @@ class ModelAligned(Coupling):
             64 rows with all different conditions in "full".
     """
 
+    variant: str = "weighted"
+    _: KW_ONLY
+    fraction: float = 0.4
+    boost: float = 0.5
+    warmup_steps: int = 1000
+    regularization: tuple[float, float] = (2.0, 0.2)
+    condition_weight: float = 0.0
+
     name = "aligned"
     uses_network = True
+    transformable = False
 
-    def __init__(
-        self,
-        variant: str = "weighted",
-        *,
-        fraction: float = 0.4,
-        boost: float = 0.5,
-        warmup_steps: int = 1000,
-        regularization: tuple[float, float] = (2.0, 0.2),
-        condition_weight: float = 0.0,
-    ) -> None:
-        self.variant = check_choice(variant, "variant", VARIANTS)
-        if not 0 < check_number(fraction, "fraction") <= 1:
-            raise ValueError(f"fraction must be above 0 and at most 1, got {fraction}")
-        self.fraction = float(fraction)
-        self.boost = check_number(boost, "boost")
-        self.warmup_steps = check_count(warmup_steps, "warmup_steps", minimum=0)
-        if not isinstance(regularization, tuple | list) or len(regularization) != 2:
-            raise TypeError(f"regularization must be two numbers, got {regularization!r}")
-        first, last = (check_number(value, "regularization") for value in regularization)
-        if min(first, last) == 0:
-            raise ValueError(f"regularization must be above 0, got {regularization}")
-        self.regularization = (first, last)
-        self.condition_weight = check_number(condition_weight, "condition_weight")
-        if self.condition_weight and variant != "full":
+    def __post_init__(self) -> None:
+        check_choice(self.variant, "variant", VARIANTS)
+        if not 0 < check_number(self.fraction, "fraction") <= 1:
+            raise ValueError(f"fraction must be above 0 and at most 1, got {self.fraction}")
+        check_number(self.boost, "boost")
+        check_count(self.warmup_steps, "warmup_steps", minimum=0)
+        first, last = self.regularization
+        if min(check_number(r, "regularization") for r in (first, last)) == 0:
+            raise ValueError(f"regularization must be above 0, got {self.regularization}")
+        if check_number(self.condition_weight, "condition_weight") and self.variant != "full":
             raise ValueError("condition_weight is for variant 'full': the others pair i with i")
-        self._network: nn.Module | None = None
+        self.needs_condition = self.condition_weight > 0
+        self._network: Any = None
         self._step = 0
         self.evaluations = 0  #: rows of the network evaluated for the last batch
 
@@ -81,16 +81,10 @@ class ModelAligned(Coupling):
         """Score with `network` from now on; `step` drives the warm-up."""
         self._network, self._step = network, step
 
-    def __repr__(self) -> str:
-        options = {k: v for k, v in vars(self).items() if k[0] != "_" and k != "evaluations"}
-        return f"ModelAligned({', '.join(f'{k}={v!r}' for k, v in options.items())})"
-
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Weigh the batch's own pairs, or assign by the errors of all pairs."""
         if self._network is None:
             raise ValueError("no network yet: call observe(network, step) before pairing")
-        if self.condition_weight and c is None:
-            raise TypeError("condition_weight needs the conditions c, got None")
         rows = np.arange(len(x0))
         if self.variant == "full":
             return Match(rows, self._assign(x0, x1, c))
@@ -106,11 +100,9 @@ class ModelAligned(Coupling):
         """1 but for "full": all rows of the batch, or with a weight those of near conditions."""
         if self.variant != "full":
             return 1.0
-        self.check_batch(x0, x1, c)
         if not self.condition_weight or c is None:
             return float(len(x1))
-        numbers = check_condition(c)
-        cost = self.condition_weight * squared_distances(numbers, numbers)
+        cost = self.condition_weight * squared_distances(c, c)
         return float((cost <= squared_distances(x0, x1).mean()).sum(axis=1).mean())
 
     def row_errors(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> Tensor:
@@ -150,8 +142,7 @@ class ModelAligned(Coupling):
     def _assign(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> NDArray[np.int64]:
         cost = self.errors(x0, x1, c)
         if self.condition_weight and c is not None:
-            numbers = check_condition(c)
-            cost = cost + self.condition_weight * squared_distances(numbers, numbers)
+            cost = cost + self.condition_weight * squared_distances(c, c)
         spread = cost.std()
         if spread == 0:
             return np.arange(len(cost))
@@ -160,7 +151,6 @@ class ModelAligned(Coupling):
         return exact_permutation(-sinkhorn_plan(cost, regularization=regularization))
 
     def _velocity(self, t: float, x: Tensor, c: Tensor | None) -> Tensor:
-        assert self._network is not None
         device = next(self._network.parameters(), x).device
         moved = None if c is None else c.to(device)
         time = torch.tensor(t, dtype=x.dtype, device=device)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from operator import itemgetter
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -12,7 +13,15 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from torch import Tensor
 
-from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
+from cotlearn.validation import (
+    check_condition,
+    check_count,
+    check_matrix,
+    check_same_rows,
+    check_shape,
+)
+
+Index = NDArray[np.int64]
 
 MANY_DIMENSIONS = 12  #: from here on a matrix product is the faster way to distances
 LOST_DIGITS = 1e-6  #: share of the largest |a|^2 + |b|^2 below which a product would lose digits
@@ -39,29 +48,31 @@ class Pairs:
     weight: Tensor | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.x0, Tensor) or self.x0.ndim != 2 or not self.x0.numel():
+            got = tuple(self.x0.shape) if isinstance(self.x0, Tensor) else repr(self.x0)
+            raise ValueError(f"x0 must have shape (rows, columns) and not be empty, got {got}")
         for name in ("x0", "x1"):
-            value = getattr(self, name)
-            if not isinstance(value, Tensor) or not value.is_floating_point():
-                got = value.dtype if isinstance(value, Tensor) else type(value).__name__
-                raise TypeError(f"{name} must be a floating-point tensor, got {got}")
-        if self.x0.ndim != 2 or self.x0.shape != self.x1.shape or not self.x0.numel():
-            raise ValueError(
-                "x0 and x1 must have one shape (rows, columns) and not be empty, got "
-                f"{tuple(self.x0.shape)} and {tuple(self.x1.shape)}"
-            )
-        if self.c is not None and (not isinstance(self.c, Tensor) or self.c.ndim != 2):
-            shape = getattr(self.c, "shape", type(self.c).__name__)
-            raise ValueError(f"c must be a tensor of shape (rows, columns), got {shape}")
-        if self.c is not None and len(self.c) != len(self.x0):
-            raise ValueError(f"c has {len(self.c)} rows, x0 has {len(self.x0)}")
+            check_shape(getattr(self, name), name, self.x0.shape)
+        if self.c is not None:
+            columns = self.c.shape[1:] if isinstance(self.c, Tensor) else ()
+            if not columns or self.c.shape != (len(self.x0), *columns[:1]):
+                raise ValueError(f"c must have shape ({len(self.x0)}, columns), got {self.c!r}")
 
     def __len__(self) -> int:
         return len(self.x0)
 
     def map(self, change: Callable[[Tensor], Tensor]) -> Pairs:
         """The pairs with `change` applied to every tensor: a slice, another device."""
-        given = {f.name: getattr(self, f.name) for f in fields(self)}
-        return replace(self, **{n: change(v) for n, v in given.items() if v is not None})
+        given = (getattr(self, f.name) for f in fields(self))
+        values: Any = (None if value is None else change(value) for value in given)
+        return Pairs(*values)
+
+    @staticmethod
+    def cat(parts: Sequence[Pairs]) -> Pairs:
+        """Several pairs as one."""
+        columns = ([getattr(part, f.name) for part in parts] for f in fields(Pairs))
+        values: Any = (None if column[0] is None else torch.cat(column) for column in columns)
+        return Pairs(*values)
 
 
 class Sampler(Protocol):
@@ -83,38 +94,31 @@ class Source(Protocol):
 
 
 class Match(NamedTuple):
-    """The rows of source and target that a coupling puts together, and what is not x1[target]."""
+    """The rows of source and target that a coupling puts together."""
 
-    source_index: NDArray[np.int64]
-    target_index: NDArray[np.int64]
-    c: Tensor | None = None  #: labels, where they are not c[target_index]
+    source_index: Index
+    target_index: Index
+    condition_index: Index | None = None  #: rows of c that are the labels; target_index if None
     x1: Tensor | None = None  #: data, where it is not x1[target_index]
     weight: Tensor | None = None  #: of each row in the loss
 
 
-class StreamOptions(NamedTuple):
-    """What `Coupling.stream` was asked for, checked; `seed` decides all its randomness."""
-
-    batch_size: int
-    ot_batch_size: int
-    source: Source | None
-    seed: int
-    start: int  #: number of the first batch
-
-
+@dataclass(repr=False, eq=False)
 class Coupling:
     """Decides which noise meets which data. A new coupling overrides `match`, and nothing else.
 
-    Couplings that look at the whole data set set `whole_data` and override `batches`; couplings
-    that look at the model set `uses_network` and override `observe`.
+    Its options are the fields of a dataclass, `@dataclass(repr=False)`. One that looks at all the
+    data sets `whole_data` and gets an epoch in the place of a batch: see `prepare`, `epoch_rows`.
+    One that looks at the model sets `uses_network` and overrides `observe`.
     """
 
-    name: str = "coupling"
-    uses_network: bool = False
-    uses_ot_batch: bool = False  #: more rows paired at once give each a better choice
-    whole_data: bool = False  #: all the data are looked at: no ot_batch_size applies
-    solves: bool = True  #: pairing takes long enough to be done in the background
-    needs_condition: bool = False
+    name = "coupling"
+    uses_network = False
+    uses_ot_batch = False  #: more rows paired at once give each a better choice
+    whole_data = False  #: all the data are looked at: no ot_batch_size applies
+    solves = True  #: pairing takes long enough to be done in the background
+    needs_condition = False
+    transformable = True  #: pairs rows of a batch by their x1 and c alone (see `Transformed`)
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Which rows of x0 and x1 meet; arguments are checked already."""
@@ -142,26 +146,19 @@ class Coupling:
             TypeError: an input is not a floating-point tensor, or c is needed and None.
             ValueError: shapes do not match, a batch is empty, or values are not finite.
         """
-        self.check_batch(x0, x1, c)
+        check_matrix(x0, "x0")
+        check_matrix(x1, "x1", columns=x0.shape[1])
+        check_same_rows(x1, "x1", x0, "x0")
+        self._check_condition(c, x0, "x0")
         with torch.no_grad():
             match = self.match(x0, x1, c, _numpy_rng(generator))
         source = torch.from_numpy(match.source_index).to(x0.device)
         target = torch.from_numpy(match.target_index).to(x0.device)
         paired = x1[target.to(x1.device)] if match.x1 is None else match.x1
-        label = match.c
-        if label is None and c is not None:
-            label = c[target.to(c.device)]
-        return Pairs(x0[source], paired, label, source, target, match.weight)
-
-    def check_batch(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> None:
-        """Raise TypeError or ValueError unless this is a batch, as for a call."""
-        check_matrix(x0, "x0")
-        check_matrix(x1, "x1", columns=x0.shape[1])
-        check_same_rows(x1, "x1", x0, "x0")
         if c is not None:
-            check_same_rows(check_condition(c), "c", x0, "x0")
-        elif self.needs_condition:
-            raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
+            label = match.condition_index
+            c = c[(target if label is None else torch.from_numpy(label)).to(c.device)]
+        return Pairs(x0[source], paired, c, source, target, match.weight)
 
     def stream(
         self,
@@ -176,10 +173,12 @@ class Coupling:
         """Yield training batches for ever.
 
         Batch number s is a function of the generator's seed and s alone, so that a stream resumed
-        with `start` goes on with the same numbers.
+        with `start` goes on with the same numbers. Where whole epochs are paired, an incomplete
+        last batch is left out, and epochs of fewer rows than a batch are put together.
 
         Args:
-            data: has `sample(n, generator=g) -> (x1, c)`; see the coupling where it needs more.
+            data: has `sample(n, generator=g) -> (x1, c)`; for couplings of `whole_data` also `x1`,
+                `c` and a length.
             batch_size: rows of each yielded `Pairs`.
             ot_batch_size: rows that are paired at once; a multiple of batch_size (the default).
                 More rows help where the coupling has `uses_ot_batch`.
@@ -188,6 +187,7 @@ class Coupling:
             start: number of the first batch.
 
         Raises:
+            TypeError: the data are endless, and the coupling must see all of them.
             ValueError: a size out of range, or an ot_batch_size where all the data are paired.
         """
         check_count(batch_size, "batch_size")
@@ -204,21 +204,36 @@ class Coupling:
             )
         check_count(start, "start", minimum=0)
         seed = torch.initial_seed() if generator is None else generator.initial_seed()
-        yield from self.batches(data, StreamOptions(batch_size, ot_batch_size, source, seed, start))
-
-    def batches(self, data: Sampler, options: StreamOptions) -> Iterator[Pairs]:
-        """What `stream` yields, its options checked: draw an OT batch, pair it, cut it up."""
-        per_solve = options.ot_batch_size // options.batch_size
-        number, part = divmod(options.start, per_solve)
+        epoch = self.epoch_rows(data)
+        self.prepare(data, source, seed)
+        rows, solves = epoch or ot_batch_size, -(-batch_size // epoch) if epoch else 1
+        number, first = divmod(start, solves * rows // batch_size)
         while True:
-            rng = generator_for(options.seed, number)
-            x1, c = data.sample(options.ot_batch_size, generator=rng)
-            x0 = draw_noise(x1, options.source, rng)
-            pairs = self(x0, x1, c, generator=rng)
-            for k in range(part, per_solve):
-                rows = slice(k * options.batch_size, (k + 1) * options.batch_size)
-                yield pairs.map(lambda value, rows=rows: value[rows])  # type: ignore[misc]
-            number, part = number + 1, 0
+            generators = [generator_for(seed, number * solves + k) for k in range(solves)]
+            pairs = Pairs.cat([self.solve(data, rows, source, rng) for rng in generators])
+            order = torch.arange(len(pairs))
+            if epoch:  # it is paired cluster by cluster
+                order = torch.randperm(len(pairs), generator=generator_for(seed, number, purpose=2))
+            for k in range(first, len(pairs) // batch_size):
+                yield pairs.map(itemgetter(order[k * batch_size : (k + 1) * batch_size]))
+            number, first = number + 1, 0
+
+    def prepare(self, data: Any, source: Source | None, seed: int) -> None:
+        """See the data of a stream before its first batch, to fit clusters or potentials."""
+
+    def epoch_rows(self, data: Any) -> int:
+        """Rows of an epoch, where a whole epoch is paired at once; 0 where batches are."""
+        return 0
+
+    def draw(self, data: Any, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor | None]:
+        """The n rows (x1, c) of a stream that are paired at once."""
+        x1, c = data.sample(n, generator=generator)
+        return x1, c
+
+    def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
+        """Draw n rows of a stream, and noise, and pair them."""
+        x1, c = self.draw(data, n, generator)
+        return self(draw_noise(x1, source, generator), x1, c, generator)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
         """How many rows of the data a noise row can choose from, on average, in such a batch.
@@ -228,10 +243,6 @@ class Coupling:
         an average sample distance: 1 + (B - 1)/K for K balanced labels and a large weight.
         """
         return 1.0
-
-    def epoch_rows(self, data: Sampler) -> int:
-        """Rows of an epoch, where a whole epoch is paired at once; 0 where batches are."""
-        return 0
 
     def observe(self, network: torch.nn.Module, step: int) -> None:
         """See the current (EMA) network before `step`; most couplings do not look."""
@@ -243,18 +254,28 @@ class Coupling:
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Take back what `state_dict` gave."""
 
+    def _check_condition(self, c: Tensor | None, x: Tensor, name: str) -> None:
+        """Raise TypeError or ValueError unless c are conditions of the rows of x."""
+        if c is not None:
+            check_same_rows(check_condition(c), "c", x, name)
+        elif self.needs_condition:
+            raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
+
     def __repr__(self) -> str:
-        options = ", ".join(
-            f"{name}={spelled(value)}"
-            for name, value in vars(self).items()
-            if not name.startswith("_")
+        """The options by name, functions by theirs: a checkpoint compares it between processes."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.repr}
+        options = (f"{k}={getattr(v, '__qualname__', None) or repr(v)}" for k, v in values.items())
+        return f"{type(self).__name__}({', '.join(options)})"
+
+
+def check_finite(data: Any, coupling: Coupling) -> None:
+    """Raise TypeError unless the data have `x1`, `c` and a length."""
+    if not all(hasattr(data, name) for name in ("x1", "c", "__len__")):
+        raise TypeError(
+            f"{type(coupling).__name__} looks at the whole data set, but these data are endless "
+            "(they have no x1, c and len): give a Dataset of rows drawn from them, or to "
+            "StratifiedOT n_samples=, the rows of an epoch"
         )
-        return f"{type(self).__name__}({options})"
-
-
-def spelled(value: object) -> str:
-    """`repr`, but a function by its name: a checkpoint compares these texts between processes."""
-    return getattr(value, "__qualname__", None) or repr(value)
 
 
 def draw_noise(x1: Tensor, source: Source | None, generator: torch.Generator) -> Tensor:

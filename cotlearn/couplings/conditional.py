@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,22 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Match, array_distances, squared_distances, to_numpy
-from cotlearn.couplings.optimal import MinibatchOT
+from cotlearn.couplings.assignment import exact_permutation
+from cotlearn.couplings.base import (
+    Coupling,
+    Index,
+    Match,
+    array_distances,
+    squared_distances,
+    to_numpy,
+)
 from cotlearn.validation import check_choice, check_condition, check_number, check_same_rows
 
 LABELS = ("target", "source")
 BALANCED = "balanced"
 
 
+@dataclass(repr=False)
 class ConditionalOT(Coupling):
     """COT: cost |x0 - x1|^2 + w |c0 - c|^2, where c0 is a random permutation of the batch's c.
 
@@ -39,38 +48,31 @@ class ConditionalOT(Coupling):
             which keeps the prior exact and smears the data over nearby conditions.
         condition: what the coupling sees of c, a function (n, k) -> (n, m): a fitted
             `KMeansCondition`, for instance. The network is always given c itself.
-        plan: as in `MinibatchOT`.
-        sampling: as in `MinibatchOT`.
-        regularization: as in `MinibatchOT`.
 
     Raises:
         ValueError: a weight below 0 or NaN, or an unknown option.
     """
 
+    condition_weight: float | str = BALANCED
+    _: KW_ONLY
+    label: str = "target"
+    condition: Callable[[Tensor], Tensor] | None = None
+
     name = "conditional_ot"
     uses_ot_batch = True
     needs_condition = True
+    rules = (BALANCED,)  #: that find a weight for each batch
 
-    def __init__(
-        self,
-        condition_weight: float | str = BALANCED,
-        *,
-        label: str = "target",
-        condition: Callable[[Tensor], Tensor] | None = None,
-        plan: str = "exact",
-        sampling: str = "permutation",
-        regularization: float = 0.05,
-    ) -> None:
-        if isinstance(condition_weight, str):
-            check_choice(condition_weight, "condition_weight", (BALANCED,))
+    def __post_init__(self) -> None:
+        if isinstance(self.condition_weight, str):
+            check_choice(self.condition_weight, "condition_weight", self.rules)
         else:
-            condition_weight = check_number(condition_weight, "condition_weight", infinite=True)
-        self.condition_weight = condition_weight
-        self.label = check_choice(label, "label", LABELS)
-        if condition is not None and not callable(condition):
-            raise TypeError(f"condition must be a function of c, got {condition!r}")
-        self.condition = condition
-        self.solver = MinibatchOT(plan=plan, sampling=sampling, regularization=regularization)
+            self.condition_weight = check_number(
+                self.condition_weight, "condition_weight", infinite=True
+            )
+        check_choice(self.label, "label", LABELS)
+        if self.condition is not None and not callable(self.condition):
+            raise TypeError(f"condition must be a function of c, got {self.condition!r}")
 
     @classmethod
     def from_gamma(cls, gamma: float, **options: Any) -> ConditionalOT:
@@ -88,37 +90,28 @@ class ConditionalOT(Coupling):
         epsilon = check_number(epsilon, "epsilon")
         return cls(1 / epsilon if epsilon else math.inf, **options)
 
-    def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
+    def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
         """Give the noise its conditions c0, then pair (x0, c0) with (x1, c)."""
-        assert c is not None
-        numbers = check_condition(c)
-        if self.condition is not None:
-            numbers = check_condition(self.condition(numbers), "condition(c)")
-            check_same_rows(numbers, "condition(c)", c, "c")
-        own = rng.permutation(len(x0))  # c0 = c[own]
+        seen = self._seen_of(c)
+        noise_condition_index = rng.permutation(len(x0))  # c0 = c[noise_condition_index]
         if self.condition_weight == math.inf:
-            match = self._within_classes(squared_distances(x0, x1), numbers, own, rng)
+            source, target = _within_classes(
+                squared_distances(x0, x1), seen, noise_condition_index, rng
+            )
         else:
-            cost = self._joint_cost(x0, x1, numbers, own)
-            match = self.solver.pair(cost, rng)
-        if self.label == "target":
-            return match
-        label = torch.from_numpy(own[match.source_index]).to(c.device)
-        return match._replace(c=c[label])
+            source = np.arange(len(x0))
+            target = exact_permutation(self._joint_cost(x0, x1, seen, noise_condition_index))
+        labels = noise_condition_index[source] if self.label == "source" else None
+        return Match(source, target, labels)
 
-    def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
+    def candidates(self, x0: Tensor, x1: Tensor, c: Any = None) -> float:
         """Rows whose condition costs no more than an average sample distance."""
-        self.check_batch(x0, x1, c)
-        assert c is not None
-        numbers = check_condition(c)
-        if self.condition is not None:
-            numbers = check_condition(self.condition(numbers), "condition(c)")
-            check_same_rows(numbers, "condition(c)", c, "c")
-        cost, sample_cost = self.condition_cost(numbers, numbers), squared_distances(x0, x1)
+        seen = self._seen_of(c)
+        cost, sample_cost = self.condition_cost(seen, seen), squared_distances(x0, x1)
         if self.condition_weight == math.inf:
             return float((cost == 0).sum(axis=1).mean())
-        own = np.random.default_rng(0).permutation(len(cost))  # the rows may be pairs already
-        weight = self.weight(sample_cost, cost, own)
+        shuffled = np.random.default_rng(0).permutation(len(cost))  # the rows may be pairs already
+        weight = self.weight(sample_cost, cost, shuffled)
         return float((weight * cost <= sample_cost.mean()).sum(axis=1).mean())
 
     def condition_cost(self, c0: Tensor, c: Tensor) -> NDArray[np.float64]:
@@ -129,9 +122,12 @@ class ConditionalOT(Coupling):
         self,
         sample_cost: NDArray[np.float64],
         condition_cost: NDArray[np.float64],
-        own: NDArray[np.int64],
+        noise_condition_index: Index,
     ) -> float:
-        """The condition weight of this batch, whose noise row i has the condition of row own[i]."""
+        """The condition weight of a batch whose noise row i has condition noise_condition_index[i].
+
+        Costs are (B, B).
+        """
         if not isinstance(self.condition_weight, str):
             return self.condition_weight
         spread = np.sqrt(condition_cost).mean()
@@ -139,16 +135,24 @@ class ConditionalOT(Coupling):
             return 0.0
         return float((10 * np.sqrt(sample_cost).mean() / spread) ** 2)
 
+    def _seen_of(self, c: Tensor) -> Tensor:
+        """What the coupling sees of the conditions, (B, m)."""
+        if self.condition is None:
+            return c
+        seen = check_condition(self.condition(check_condition(c)), "condition(c)")
+        check_same_rows(seen, "condition(c)", c, "c")
+        return seen
+
     def _joint_cost(
-        self, x0: Tensor, x1: Tensor, c: Tensor, own: NDArray[np.int64]
+        self, x0: Tensor, x1: Tensor, c: Tensor, noise_condition_index: Index
     ) -> NDArray[np.float64]:
-        """|x0_i - x1_j|^2 + w C(c0_i, c_j), shape (B, B), with c0 = c[own]."""
+        """|x0_i - x1_j|^2 + w C(c0_i, c_j), shape (B, B), with c0 = c[noise_condition_index]."""
         with np.errstate(over="ignore"):
             if isinstance(self.condition_weight, str):
-                c0 = c[torch.from_numpy(own)]
-                sample_cost, condition_cost = squared_distances(x0, x1), self.condition_cost(c0, c)
-                weight = self.weight(sample_cost, condition_cost, own)
-                cost = weight * condition_cost
+                c0 = c[torch.from_numpy(noise_condition_index)]
+                sample_cost, cost = squared_distances(x0, x1), self.condition_cost(c0, c)
+                weight = self.weight(sample_cost, cost, noise_condition_index)
+                cost = weight * cost
                 cost += sample_cost
                 mean = float(sample_cost.mean())
             else:  # the distance of the rows with sqrt(w) c appended: one matrix instead of three
@@ -156,7 +160,7 @@ class ConditionalOT(Coupling):
                 noise, data = to_numpy(x0), to_numpy(x1)
                 heavy = math.sqrt(weight) * to_numpy(c)
                 cost = array_distances(
-                    np.concatenate([noise, heavy[own]], axis=1),
+                    np.concatenate([noise, heavy[noise_condition_index]], axis=1),
                     np.concatenate([data, heavy], axis=1),
                 )
                 centre = data.mean(axis=0)
@@ -171,36 +175,32 @@ class ConditionalOT(Coupling):
         warn_if_imprecise(mean, largest, len(cost), weight)
         return cost
 
-    def _within_classes(
-        self,
-        sample_cost: NDArray[np.float64],
-        c: Tensor,
-        own: NDArray[np.int64],
-        rng: np.random.Generator,
-    ) -> Match:
-        """w = infinity: one plan for each distinct condition."""
-        _, classes = np.unique(to_numpy(c), axis=0, return_inverse=True)
-        classes = classes.ravel()
-        sources, targets = [], []
-        for k in range(classes.max() + 1):
-            rows, columns = np.flatnonzero(classes[own] == k), np.flatnonzero(classes == k)
-            part = self.solver.pair(sample_cost[np.ix_(rows, columns)], rng)
-            sources.append(rows[part.source_index])
-            targets.append(columns[part.target_index])
-        source, target = np.concatenate(sources), np.concatenate(targets)
-        order = rng.permutation(len(source))  # no batch cut from these pairs is of one class
-        return Match(source[order], target[order])
+
+def _within_classes(
+    sample_cost: NDArray[np.float64],
+    c: Tensor,
+    noise_condition_index: Index,
+    rng: np.random.Generator,
+) -> tuple[Index, Index]:
+    """w = infinity: one plan for each distinct condition."""
+    label = np.unique(to_numpy(c), axis=0, return_inverse=True)[1].ravel()
+    sources, targets = [], []
+    for k in range(label.max() + 1):
+        rows = np.flatnonzero(label[noise_condition_index] == k)
+        columns = np.flatnonzero(label == k)
+        sources.append(rows)
+        targets.append(columns[exact_permutation(sample_cost[np.ix_(rows, columns)])])
+    order = rng.permutation(len(c))  # no batch cut from these pairs is of one class
+    return np.concatenate(sources)[order], np.concatenate(targets)[order]
 
 
 def warn_if_imprecise(mean_sample_cost: float, largest: float, rows: int, weight: float) -> None:
-    """Say so if rounding of the total cost is no longer small against the sample cost."""
-    rounding = np.finfo(np.float64).eps * largest * rows
-    if rounding > 1e-3 * mean_sample_cost:
+    """Warn if rounding of the total cost is no longer small against the sample cost."""
+    if np.finfo(np.float64).eps * largest * rows > 1e-3 * mean_sample_cost:
         warnings.warn(
             f"condition_weight {weight:.3g} makes the condition's cost up to {largest:.3g}, so "
-            "large that the exact solver cannot resolve the sample's cost "
-            f"({mean_sample_cost:.3g} on average); use a smaller weight, or math.inf to pair "
-            "within equal conditions",
+            f"large that rounding hides the sample's cost ({mean_sample_cost:.3g} on average); use "
+            "a smaller weight, or pair within equal conditions: math.inf, or clusters",
             RuntimeWarning,
             stacklevel=2,
         )

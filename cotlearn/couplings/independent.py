@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from torch import Tensor
 
 from cotlearn.couplings.base import Coupling, Match
 
 
+@dataclass(repr=False)
 class Independent(Coupling):
     """Conditional flow matching's coupling: no cost, i = j (Lipman 2210.02747, Liu 2209.03003).
 

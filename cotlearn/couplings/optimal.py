@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from numpy.typing import NDArray
 from torch import Tensor
 
 from cotlearn.couplings.assignment import draw_pairs, exact_permutation, sinkhorn_plan
@@ -14,6 +15,7 @@ PLANS = ("exact", "sinkhorn")
 SAMPLINGS = ("permutation", "replacement")
 
 
+@dataclass(repr=False, kw_only=True)
 class MinibatchOT(Coupling):
     """OT-CFM: the plan of a batch for the cost |x0 - x1|^2 (Tong 2302.00482, Pooladian 2304.14772).
 
@@ -31,41 +33,33 @@ class MinibatchOT(Coupling):
         ValueError: an unknown plan or sampling, or a regularization that is not above 0.
     """
 
+    plan: str = "exact"
+    sampling: str = "permutation"
+    regularization: float = 0.05
+
     name = "minibatch_ot"
     uses_ot_batch = True
 
-    def __init__(
-        self,
-        *,
-        plan: str = "exact",
-        sampling: str = "permutation",
-        regularization: float = 0.05,
-    ) -> None:
-        self.plan = check_choice(plan, "plan", PLANS)
-        self.sampling = check_choice(sampling, "sampling", SAMPLINGS)
-        self.regularization = check_number(regularization, "regularization")
+    def __post_init__(self) -> None:
+        check_choice(self.plan, "plan", PLANS)
+        check_choice(self.sampling, "sampling", SAMPLINGS)
+        self.regularization = check_number(self.regularization, "regularization")
         if self.regularization == 0:
             raise ValueError("regularization must be above 0; for 0 use plan='exact'")
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Pair the batch by its plan."""
-        return self.pair(squared_distances(x0, x1), rng)
-
-    def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
-        """All rows of the batch."""
-        self.check_batch(x0, x1, c)
-        return float(len(x1))
-
-    def pair(self, cost: NDArray[np.float64], rng: np.random.Generator) -> Match:
-        """Pair by any cost (B, B) with this plan and sampling."""
-        rows = np.arange(len(cost))
+        cost, rows = squared_distances(x0, x1), np.arange(len(x0))
         if self.plan == "sinkhorn":
-            entropic = sinkhorn_plan(cost, regularization=self.regularization)
+            plan = sinkhorn_plan(cost, regularization=self.regularization)
             if self.sampling == "replacement":
-                return Match(*draw_pairs(entropic, len(cost), rng))
-            return Match(rows, exact_permutation(-entropic))
+                return Match(*draw_pairs(plan, len(cost), rng))
+            return Match(rows, exact_permutation(-plan))
         columns = exact_permutation(cost)
         if self.sampling == "replacement":  # the plan is uniform over the pairs (i, columns[i])
             rows = rng.integers(len(cost), size=len(cost))
-            return Match(rows, columns[rows])
-        return Match(rows, columns)
+        return Match(rows, columns[rows])
+
+    def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
+        """All rows of the batch."""
+        return float(len(x1))

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Match, Pairs, StreamOptions, generator_for
+from cotlearn.couplings.base import Coupling, Match, Pairs, Source
+from cotlearn.couplings.independent import Independent
+from cotlearn.renamed import renamed
 from cotlearn.validation import check_same_rows
 
 
+@dataclass(repr=False)
 class Reflow(Coupling):
     """Noise meets what a teacher makes of it (rectified flow, Liu 2209.03003).
 
@@ -25,16 +28,18 @@ class Reflow(Coupling):
             `lambda x0, c: integrate(network, x0, c, nfe=16).x1`.
     """
 
-    name = "reflow"
+    teacher: Callable[[Tensor, Tensor | None], Tensor] = field(repr=False)
 
-    def __init__(self, teacher: Callable[[Tensor, Tensor | None], Tensor]) -> None:
-        if not callable(teacher):
-            raise TypeError(f"teacher must be a function (x0, c) -> x1, got {teacher!r}")
-        self._teacher = teacher
+    name = "reflow"
+    transformable = False
+
+    def __post_init__(self) -> None:
+        if not callable(self.teacher):
+            raise TypeError(f"teacher must be a function (x0, c) -> x1, got {self.teacher!r}")
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Row i of the noise meets the teacher's sample from it."""
-        made = self._teacher(x0, c)
+        made = self.teacher(x0, c)
         if not isinstance(made, Tensor) or made.shape != x0.shape or not torch.isfinite(made).all():
             got = tuple(made.shape) if isinstance(made, Tensor) else type(made).__name__
             raise ValueError(f"teacher must return finite values of shape {tuple(x0.shape)}: {got}")
@@ -42,26 +47,31 @@ class Reflow(Coupling):
         return Match(rows, rows, x1=made)
 
 
-class MadePairs(Coupling):
+@dataclass(repr=False, eq=False)
+class FixedPairs(Independent):
     """Reflow with pairs that were made once: row i of the noise belongs to row i of the data.
 
     Cheaper than `Reflow` where a student trains for long, because the teacher is asked only once.
+    A stream draws rows with replacement; their indices are rows of the data.
 
     Args:
         x0: (N, d), the noise of the N rows of the data.
     """
 
+    x0: Tensor = field(repr=False)
+
     name = "reflow"
-    solves = False
     whole_data = True
+    transformable = False
 
-    def __init__(self, x0: Tensor) -> None:
-        self._x0 = x0
+    def prepare(self, data: Any, source: Source | None, seed: int) -> None:
+        """Raise ValueError unless noise and data have the same number of rows."""
+        check_same_rows(self.x0, "x0", data.x1, "x1 of the data")
 
-    def batches(self, data: Any, options: StreamOptions) -> Iterator[Pairs]:
-        """Batches of rows drawn with replacement."""
-        check_same_rows(self._x0, "x0", data.x1, "x1 of the data")
-        for number in itertools.count(options.start):
-            rng = generator_for(options.seed, number)
-            rows = torch.randint(len(data), (options.batch_size,), generator=rng)
-            yield Pairs(self._x0[rows], data.x1[rows], data.c[rows], rows, rows)
+    def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
+        """Some of the pairs."""
+        drawn = torch.randint(len(data), (n,), generator=generator)
+        return Pairs(self.x0[drawn], data.x1[drawn], data.c[drawn], drawn, drawn)
+
+
+__getattr__ = renamed(__name__, {"MadePairs": "FixedPairs"})

@@ -6,8 +6,7 @@ import torch
 from torch import Tensor
 
 from cotlearn.couplings.base import Pairs, generator_for
-from cotlearn.couplings.conditions import standardise
-from cotlearn.datasets import Dataset
+from cotlearn.datasets import Dataset, Standardiser
 from cotlearn.flows.networks import VelocityMLP
 from cotlearn.metrics import energy_scores
 
@@ -34,7 +33,8 @@ def one_step_scores(pairs: Pairs, test: Dataset, *, steps: int = 500, seed: int 
     """
     assert pairs.c is not None
     assert test.c is not None
-    x0, c = pairs.x0, standardise(pairs.c)
+    scaler = Standardiser.fit(pairs.c)
+    x0, c = pairs.x0, scaler(pairs.c)
     wanted = pairs.x1 - x0
     network = VelocityMLP(x0.shape[1], c.shape[1], width=WIDTH, depth=DEPTH, seed=seed).to(x0)
     optimizer = torch.optim.Adam(network.parameters(), lr=LEARNING_RATE, fused=True)
@@ -47,7 +47,7 @@ def one_step_scores(pairs: Pairs, test: Dataset, *, steps: int = 500, seed: int 
         optimizer.step()
         schedule.step()
     rows = torch.randperm(len(test), generator=rng)[:MOST_ROWS]
-    c = standardise(test.c, reference=pairs.c)[rows]
+    c = scaler(test.c)[rows]
     drawn = []
     with torch.no_grad():
         for _ in range(DRAWS):

@@ -160,7 +160,7 @@ def _turned(points: Tensor, facing: Tensor, sign: int) -> Tensor:
 
 
 class SeenFromT:
-    """Chunks turned as the true T of a scene faces: the frame of `TurnedMLP`, for `Framed` pairs.
+    """Chunks turned as the true T of a scene faces: the frame of `TurnedMLP`, in `Transformed`.
 
     The pose is known where pairs are made, in training, as it is to `CameraLoss`.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from torch import nn
 
-from cotlearn.couplings.conditions import PCAKMeansCondition, Viewed
+from cotlearn.couplings.conditions import EmbeddedClusters, PCAKMeansCondition
 from cotlearn.datasets import Dataset
 from cotlearn.flows.matching import Loss
 from cotlearn.policies.camera import CameraLoss, CameraNetwork
@@ -73,7 +73,7 @@ class CameraOptions(Options):
 
     def condition_of(
         self, method: str, data: Dataset, windows: Windows | None = None
-    ) -> Viewed | None:
+    ) -> EmbeddedClusters | None:
         """Clusters of pictures and proprioception, COT Policy's condition, fitted to the data."""
         clusters = {
             "conditional_ot": self.condition_clusters,
@@ -88,4 +88,4 @@ class CameraOptions(Options):
         condition = PCAKMeansCondition(
             pixels=camera.pixels, components=self.components, clusters=clusters
         )
-        return Viewed(camera, condition).fit(data.c)
+        return EmbeddedClusters(camera, condition).fit(data.c)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from cotlearn.couplings import (
-    Centred,
     ConditionalOT,
     Coupling,
     Independent,
@@ -21,10 +20,10 @@ from cotlearn.couplings import (
     StratifiedOT,
 )
 from cotlearn.couplings.base import generator_for
-from cotlearn.couplings.centred import Centre
 from cotlearn.couplings.conditional import BALANCED
-from cotlearn.couplings.conditions import Viewed
-from cotlearn.couplings.reflow import MadePairs
+from cotlearn.couplings.conditions import EmbeddedClusters
+from cotlearn.couplings.reflow import FixedPairs
+from cotlearn.couplings.transformed import OfCondition, centred
 from cotlearn.datasets import Dataset
 from cotlearn.flows.diffusion import Diffusion, predict, regression_loss
 from cotlearn.flows.matching import EarlyFlowMatching, Loss, conditional_flow_matching_loss
@@ -145,7 +144,7 @@ class Options:
 
     def condition_of(
         self, method: str, data: Dataset, windows: Windows | None = None
-    ) -> Viewed | None:
+    ) -> EmbeddedClusters | None:
         """What the coupling of a method sees instead of the conditions; None: these themselves.
 
         Args:
@@ -156,7 +155,7 @@ class Options:
         return None
 
     def coupling_of(
-        self, method: str, seen: Viewed | None = None, windows: Windows | None = None
+        self, method: str, seen: EmbeddedClusters | None = None, windows: Windows | None = None
     ) -> Coupling:
         """The coupling that a method trains with (reflow: its teacher).
 
@@ -267,7 +266,7 @@ def train(
         coupling, seconds = options.coupling_of(method, seen, windows), 0.0
         if method == "centred":
             mean, seconds = _regression(windows, data, seed, options, place, progress)
-            coupling = Centred(coupling, mean)
+            coupling = centred(coupling, mean)
         loss = options.loss_of(method)
         result = _fit(network, data, coupling, loss, seed, options, place, progress)
     seconds += float(result.history["seconds"][-1])
@@ -322,7 +321,7 @@ def _regression(
     options: Options,
     checkpoint: Path | None,
     progress: bool | None,
-) -> tuple[Centre, float]:
+) -> tuple[OfCondition, float]:
     """What a regression foretells of the chunk, after a fifth of the steps, and its seconds.
 
     A short training on purpose: one that remembers the rows leaves nothing of them over.
@@ -360,6 +359,6 @@ def _reflow(
     made = Dataset(torch.cat(parts), c, name=f"{data.name}, made by a teacher")
     seconds = time.perf_counter() - started
     loss = options.loss_of("reflow")
-    coupling = MadePairs(x0)
+    coupling = FixedPairs(x0)
     result = _fit(teacher, made, coupling, loss, seed, options, checkpoint, progress)
     return result, coupling, seconds

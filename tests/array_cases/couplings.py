@@ -20,8 +20,10 @@ COUPLINGS = {
     "StratifiedOT, residual": couplings.StratifiedOT(2, residual=True),
     "SemidiscreteOT": couplings.SemidiscreteOT(1.0, iterations=20),
     "ModelAligned": _aligned,
-    "Centred": couplings.Centred(couplings.MinibatchOT(), lambda c: c[:, :1].expand(-1, D)),
-    "Framed": couplings.Framed(couplings.MinibatchOT(), lambda x, c: -x, lambda x, c: -x),
+    "Transformed": couplings.Transformed(couplings.MinibatchOT(), lambda x, c: -x, lambda x, c: -x),
+    "Transformed, centred": couplings.centred(
+        couplings.MinibatchOT(), lambda c: c[:, :1].expand(-1, D)
+    ),
     "Reflow": couplings.Reflow(lambda x0, c: x0 + 1),
 }
 
@@ -33,7 +35,6 @@ for _name, _coupling in COUPLINGS.items():
         lambda x0, x1, c, made=_coupling: made(x0, x1, c, generator=g()),
         **PAIRS,
     )
-    add(f"couplings.{_class}.candidates{_comma}{_variant}", _coupling.candidates, **PAIRS)
 add(
     "couplings.Pairs",
     couplings.Pairs,
@@ -56,14 +57,13 @@ add(
     lambda c: couplings.PCAKMeansCondition(components=2, clusters=2).fit(c),
     c=_images,
 )
-for _name in ("__call__", "labels", "project"):
+for _name in ("__call__", "labels"):
     _fitted = couplings.PCAKMeansCondition(components=2, clusters=2).fit(_images)
     add(f"couplings.PCAKMeansCondition.{_name}", getattr(_fitted, _name), c=_images)
 for _name in ("fit", "__call__", "labels"):
-    _viewed = couplings.Viewed(torch.sin, couplings.KMeansCondition(2)).fit(labels(40))
-    add(f"couplings.Viewed.{_name}", getattr(_viewed, _name), c=C)
+    _fitted = couplings.EmbeddedClusters(torch.sin, couplings.KMeansCondition(2)).fit(labels(40))
+    add(f"couplings.EmbeddedClusters.{_name}", getattr(_fitted, _name), c=C)
 add("couplings.combine", lambda a, b: couplings.combine({"a": a, "b": b}), a=C, b=X0)
-add("couplings.standardise", couplings.standardise, c=X0, reference=X1)
 
 # --- diagnostics ---
 

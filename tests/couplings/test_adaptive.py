@@ -86,16 +86,11 @@ def test_the_pairing_is_conditional_ot_with_that_weight():
     assert torch.equal(pairs.c, c[pairs.target_index])
 
 
-@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e4])
-@pytest.mark.parametrize("last", [-5000, -1500, -160, -1, 0, 7, 160, 1500])
-def test_the_result_does_not_depend_on_the_warm_start(last, scale):
-    x0, x1, c = batch(scale=scale)
-    cold, warm = Watched(0.1), Watched(0.1)
-    warm._last = last
-    cold(x0, x1, c, generator=seeded())
-    warm(x0, x1, c, generator=seeded())
-    assert warm.found == cold.found
-    assert cold.found * scale**2 == pytest.approx(at_scale_one().found, rel=STEP - 1 + 1e-6)
+@pytest.mark.parametrize("scale", [1e-9, 1e-4, 1.0, 1e4, 1e9])
+def test_the_weight_follows_the_scale_of_the_condition(scale):
+    coupling = Watched(0.1)
+    coupling(*batch(scale=scale), generator=seeded())
+    assert coupling.found * scale**2 == pytest.approx(at_scale_one().found, rel=STEP - 1 + 1e-6)
 
 
 def at_scale_one():
@@ -104,29 +99,19 @@ def at_scale_one():
     return coupling
 
 
-def test_nor_where_any_positive_weight_will_do():
+def test_where_any_positive_weight_will_do():
     """Noise rows that are equal: r(0) counts ties, which the smallest weight breaks."""
     x0, x1, c = batch(12)
-    x0 = x0[:1].expand(12, -1).clone()
-    found = []
-    for last in (-3300, -700, 0, 900):
-        coupling = Watched(0.5)
-        coupling._last = last
-        coupling(x0, x1, c, generator=seeded())
-        found.append(coupling.found)
-    assert len(set(found)) == 1
-    assert found[0] > 0
+    coupling = Watched(0.5)
+    coupling(x0[:1].expand(12, -1).clone(), x1, c, generator=seeded())
+    assert 0 < coupling.found < 1e-9
 
 
-def test_a_target_that_holds_already_gives_zero_and_keeps_the_start():
+def test_a_target_that_holds_already_gives_zero_which_does_not_stick():
     x0, x1, c = batch()
-    coupling = Watched(0.05)
-    coupling(x0, x1, c, generator=seeded())
-    before = coupling._last
-    coupling.target_ratio = 0.95
+    coupling = Watched(0.95)
     pairs = coupling(x0, x1, c, generator=seeded())
     assert coupling.found == 0
-    assert coupling._last == before  # a zero does not stick
     naive = MinibatchOT()(x0, x1, c)
     assert torch.equal(pairs.target_index, naive.target_index)
     coupling.target_ratio = 0.05
@@ -218,13 +203,6 @@ def test_integer_and_bool_conditions():
     found = AdaptiveConditionalOT(0.2)(x0, x1, numbers.int(), generator=seeded()).target_index
     assert torch.equal(found, expected)
     AdaptiveConditionalOT(0.4)(x0, x1, numbers > 0, generator=seeded())
-
-
-def test_its_constructors_and_name():
-    coupling = AdaptiveConditionalOT.from_target_ratio(0.2, cost="cosine")
-    assert (coupling.target_ratio, coupling.cost) == (0.2, "cosine")
-    assert coupling.name == "adaptive"
-    assert "0.2" in repr(coupling)
 
 
 @pytest.mark.parametrize(

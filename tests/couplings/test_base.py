@@ -12,16 +12,25 @@ from hypothesis import strategies as st
 from cotlearn.couplings import (
     ConditionalOT,
     Coupling,
+    FixedPairs,
     Independent,
     MinibatchOT,
+    ModelAligned,
     Pairs,
     SemidiscreteOT,
     StratifiedOT,
+    Transformed,
 )
-from cotlearn.couplings.base import draw_noise, generator_for, squared_distances, to_numpy
-from cotlearn.couplings.reflow import MadePairs
+from cotlearn.couplings.base import Match, draw_noise, generator_for, squared_distances, to_numpy
 from cotlearn.datasets import Dataset
 from cotlearn.mixtures import petals, unconditional
+
+
+def zero_network(coupling):
+    coupling.observe(torch.nn.Identity(), 10**6)
+    coupling._velocity = lambda t, x, c: torch.zeros_like(x)
+    return coupling
+
 
 COUPLINGS = [
     Independent(),
@@ -32,14 +41,24 @@ COUPLINGS = [
     ConditionalOT(math.inf),
     ConditionalOT("balanced"),
     ConditionalOT(3.0, label="source"),
+    zero_network(ModelAligned("weighted")),
+    zero_network(ModelAligned("full")),
+    Transformed(ConditionalOT(10.0), lambda x, c: -x),
 ]
 WITH_REPLACEMENT = [
     MinibatchOT(sampling="replacement"),
     MinibatchOT(plan="sinkhorn", sampling="replacement"),
-    ConditionalOT(2.0, sampling="replacement"),
-    ConditionalOT(math.inf, sampling="replacement"),
 ]
-every = pytest.mark.parametrize("coupling", COUPLINGS + WITH_REPLACEMENT, ids=repr)
+WHOLE = [
+    StratifiedOT(),
+    StratifiedOT(residual=True),
+    Transformed(StratifiedOT(), lambda x, c: x),
+]
+SEARCH = [SemidiscreteOT(1.0, iterations=5)]
+BATCHES = COUPLINGS + WITH_REPLACEMENT
+# What the semidiscrete coupling keeps to does not need a converged potential.
+pytestmark = pytest.mark.filterwarnings("ignore:the potential has not converged")
+every = pytest.mark.parametrize("coupling", BATCHES + WHOLE + SEARCH, ids=repr)
 
 
 def seeded(seed=0):
@@ -53,7 +72,7 @@ def batch(n=24, d=2, k=3, dtype=torch.float32, seed=0):
 
 
 @every
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     n=st.integers(1, 20),
     d=st.integers(1, 5),
@@ -76,8 +95,7 @@ def test_what_every_coupling_keeps_to(coupling, n, d, k, dtype, seed):
     assert torch.equal(pairs.x1, x1[pairs.target_index])
     if getattr(coupling, "label", "target") == "target":
         assert torch.equal(pairs.c, c[pairs.target_index])
-    sampling = getattr(getattr(coupling, "solver", coupling), "sampling", "permutation")
-    if sampling == "permutation":
+    if coupling not in WITH_REPLACEMENT + SEARCH:
         for index in (pairs.source_index, pairs.target_index):
             assert torch.equal(index.sort().values, torch.arange(n))
     again = coupling(x0, x1, c, seeded(seed))
@@ -121,6 +139,13 @@ def test_integer_conditions_are_labels_of_the_network_as_they_came():
     whole = ConditionalOT(5.0)(x0, x1, c.long(), generator=seeded())
     real = ConditionalOT(5.0)(x0, x1, c, generator=seeded())
     assert torch.equal(whole.target_index, real.target_index)
+
+
+def test_independent_pairs_are_row_and_row():
+    x0, x1, c = batch()
+    pairs = Independent()(x0, x1, c)
+    assert all(map(torch.equal, (pairs.x0, pairs.x1, pairs.c), (x0, x1, c)))
+    assert Independent()(x0, x1).c is None
 
 
 def test_mixed_dtypes_are_kept():
@@ -178,8 +203,6 @@ def test_a_new_coupling_overrides_match_alone():
         name = "backwards"
 
         def match(self, x0, x1, c, rng):
-            from cotlearn.couplings.base import Match
-
             return Match(np.arange(len(x0)), np.arange(len(x0))[::-1].copy())
 
     x0, x1, c = batch(5)
@@ -199,7 +222,7 @@ def take(coupling, n, **options):
     return list(itertools.islice(stream, n))
 
 
-@every
+@pytest.mark.parametrize("coupling", BATCHES, ids=repr)
 @pytest.mark.parametrize("ot_batch_size", [None, 8, 32])
 def test_a_stream_that_starts_later_gives_the_same_batches(coupling, ot_batch_size):
     options = {"batch_size": 8, "ot_batch_size": ot_batch_size}
@@ -292,7 +315,7 @@ def test_a_larger_ot_batch_gives_more_candidates_where_it_is_used(coupling):
 
 def test_couplings_of_all_the_data_take_no_ot_batch():
     x1, c = petals().sample(40, generator=seeded())
-    for coupling in (StratifiedOT(), SemidiscreteOT(iterations=1), MadePairs(x1)):
+    for coupling in (StratifiedOT(), SemidiscreteOT(iterations=1), FixedPairs(x1)):
         assert coupling.whole_data
         assert not coupling.uses_ot_batch
         with pytest.raises(ValueError, match=r"does not apply to .*None or batch_size 8, got 16"):

@@ -168,12 +168,6 @@ def test_label_target_is_the_condition_of_x1_and_source_that_of_the_noise():
     assert torch.equal(source.c.sort(dim=0).values, c.sort(dim=0).values)
 
 
-def test_label_source_with_replacement_takes_the_row_of_the_noise():
-    x0, x1, c = labelled()
-    pairs = ConditionalOT(math.inf, label="source", sampling="replacement")(x0, x1, c)
-    assert torch.equal(pairs.c, c[pairs.target_index])
-
-
 def test_the_condition_copy_is_new_in_each_batch():
     x0, x1, c = continuous()
     coupling, g = ConditionalOT(math.inf), seeded()
@@ -198,13 +192,6 @@ def test_a_function_of_the_condition_must_keep_the_rows():
         ConditionalOT(1.0, condition=lambda c: None)(x0, x1, c)
     with pytest.raises(TypeError, match="condition must be a function"):
         ConditionalOT(1.0, condition=3)
-
-
-def test_sinkhorn_pays_for_the_condition_too():
-    x0, x1, c = labelled()
-    pairs = ConditionalOT(50.0, plan="sinkhorn")(x0, x1, c, generator=seeded(3))
-    own = ConditionalOT(50.0, plan="sinkhorn", label="source")(x0, x1, c, generator=seeded(3))
-    assert (pairs.c == own.c).all(dim=1).float().mean() > 0.95
 
 
 def test_a_weight_too_large_for_the_solver_is_said():
@@ -262,15 +249,6 @@ def test_bad_weights(weight, error, message):
         ConditionalOT(weight)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"label": "both"}, "label must be one of target, source; got 'both'"),
-        ({"plan": "emd"}, "plan must be one of"),
-        ({"sampling": "all"}, "sampling must be one of"),
-        ({"regularization": 0}, "regularization must be above 0"),
-    ],
-)
-def test_bad_options(options, message):
-    with pytest.raises(ValueError, match=message):
-        ConditionalOT(1.0, **options)
+def test_a_bad_label():
+    with pytest.raises(ValueError, match="label must be one of target, source; got 'both'"):
+        ConditionalOT(1.0, label="both")

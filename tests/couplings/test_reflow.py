@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from cotlearn import mixtures
-from cotlearn.couplings import Reflow
-from cotlearn.couplings.reflow import MadePairs
+from cotlearn.couplings import FixedPairs, Reflow
 from cotlearn.datasets import Dataset
 from cotlearn.flows import VelocityMLP, conditional_flow_matching_loss, integrate
 
@@ -95,9 +94,9 @@ def test_bad_teachers(teacher, error, message):
         Reflow(teacher)(*batch())
 
 
-def test_made_pairs_keep_their_partners():
+def test_fixed_pairs_keep_their_partners():
     x0, x1, c = torch.randn(40, 2), torch.randn(40, 3)[:, :2], torch.randn(40, 1)
-    stream = MadePairs(x0).stream(
+    stream = FixedPairs(x0).stream(
         Dataset(x1, c), batch_size=16, generator=torch.Generator().manual_seed(0)
     )
     pairs = next(stream)
@@ -105,4 +104,4 @@ def test_made_pairs_keep_their_partners():
     assert torch.equal(pairs.x1, x1[pairs.source_index])
     assert torch.equal(pairs.c, c[pairs.source_index])
     with pytest.raises(ValueError, match="x0 has 40 rows"):
-        next(MadePairs(x0).stream(Dataset(x1[:30], c[:30]), batch_size=16))
+        next(FixedPairs(x0).stream(Dataset(x1[:30], c[:30]), batch_size=16))

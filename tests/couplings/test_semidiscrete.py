@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from cotlearn import mixtures
-from cotlearn.couplings import SemidiscreteOT
+from cotlearn.couplings import SemidiscreteOT, semidiscrete
 from cotlearn.couplings.base import generator_for, squared_distances
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.datasets import Dataset
@@ -46,14 +46,12 @@ def data():
 
 @pytest.fixture(scope="module")
 def plain(data):
-    return SemidiscreteOT(iterations=1500, batch_size=256).fit(data.x1, progress=False)
+    return SemidiscreteOT(iterations=1500).fit(data.x1, progress=False)
 
 
 @pytest.fixture(scope="module")
 def conditional(data):
-    return SemidiscreteOT(20.0, iterations=1500, batch_size=256).fit(
-        data.x1, data.c, progress=False
-    )
+    return SemidiscreteOT(20.0, iterations=1500).fit(data.x1, data.c, progress=False)
 
 
 def test_rows_are_chosen_equally_often(plain, conditional):
@@ -68,7 +66,7 @@ def test_the_marginal_error_is_what_a_count_says(plain, data):
     frequency = torch.bincount(drawn, minlength=24) / 24_000
     distance = float((frequency - 1 / 24).abs().sum() / 2)
     assert distance == pytest.approx(plain.marginal_error, abs=0.015)
-    nearest = SemidiscreteOT(iterations=1, batch_size=2).fit(data.x1, progress=False)
+    nearest = SemidiscreteOT(iterations=1).fit(data.x1, progress=False)
     assert nearest.marginal_error > 5 * plain.marginal_error
 
 
@@ -129,7 +127,7 @@ def test_clusters_keep_to_themselves():
     g = seeded()
     c = torch.rand(200, 1, generator=g)
     data = Dataset(torch.randn(200, 2, generator=g), c)
-    coupling = SemidiscreteOT(clusters=4, iterations=50, batch_size=64)
+    coupling = SemidiscreteOT(clusters=4, iterations=50)
     pairs = coupling(torch.randn(200, 2, generator=g), data.x1, data.c)
     label = KMeansCondition(4).fit(c).labels(c)
     assert torch.equal(label[pairs.target_index], label)
@@ -142,10 +140,10 @@ def test_clusters_keep_to_themselves():
 
 def test_clusters_are_the_same_as_one_problem_for_each(data):
     """Two labels as clusters: each cluster's marginal is uniform, and so is the whole."""
-    coupling = SemidiscreteOT(clusters=2, iterations=1500, batch_size=256)
+    coupling = SemidiscreteOT(clusters=2, iterations=1500)
     coupling.fit(data.x1, data.c, progress=False)
     assert coupling.marginal_error < coupling.marginal_floor + 0.03
-    apart = SemidiscreteOT(iterations=1500, batch_size=256).fit(data.x1[::2], progress=False)
+    apart = SemidiscreteOT(iterations=1500).fit(data.x1[::2], progress=False)
     x0 = torch.randn(12, 2, generator=seeded(3))
     both = torch.randn(24, 2)
     both[::2] = x0
@@ -156,26 +154,25 @@ def test_clusters_are_the_same_as_one_problem_for_each(data):
 
 def test_splitting_the_search_changes_nothing(plain):
     x0 = torch.randn(500, 2, generator=seeded(1))
-    rows = torch.arange(500) % 24
-    whole = plain._search(x0, rows)
-    one_by_one = torch.cat([plain._search(x0[i : i + 1], rows[i : i + 1]) for i in range(500)])
-    assert torch.equal(whole, one_by_one)
+    rows, phi = torch.arange(500) % 24, plain.state_dict()["phi"]
+    whole = plain._points.search(x0, rows, phi)
+    one_by_one = [plain._points.search(x0[i : i + 1], rows[i : i + 1], phi) for i in range(500)]
+    assert torch.equal(whole, torch.cat(one_by_one))
 
 
 def test_many_rows_are_searched_in_parts():
     x1 = torch.randn(30_000, 2, generator=seeded())
-    coupling = SemidiscreteOT(iterations=1, batch_size=8)
-    coupling._prepare(x1, None)
-    coupling._phi = torch.randn(30_000, generator=seeded(1))
+    phi = torch.randn(30_000, generator=seeded(1))
     x0 = torch.randn(1500, 2, generator=seeded(2))  # 1,500 x 30,000: more than one part
-    found = coupling._search(x0, torch.zeros(1500, dtype=torch.long))
-    for i in (0, 665, 666, 667, 1499):  # on both sides of the cut
-        height = (x0[i] - x1).double().square().sum(dim=1) - coupling._phi
+    points = semidiscrete._Points(SemidiscreteOT(), x1, None)
+    found = points.search(x0, torch.zeros(1500, dtype=torch.long), phi)
+    for i in (0, 72, 73, 74, 665, 666, 1499):  # on both sides of cuts
+        height = (x0[i] - x1).double().square().sum(dim=1) - phi
         assert found[i] == height.argmin()
 
 
 def test_the_same_seed_gives_the_same_pairs_and_resumes(data):
-    options = {"iterations": 20, "batch_size": 32}
+    options = {"iterations": 20}
     first = take(SemidiscreteOT(5.0, **options), data, 5)
     again = take(SemidiscreteOT(5.0, **options), data, 5)
     later = take(SemidiscreteOT(5.0, **options), data, 2, start=3)
@@ -200,11 +197,11 @@ def test_the_potential_is_saved_with_the_training(conditional, data, tmp_path, m
 
 
 def test_other_data_are_fitted_anew(data):
-    coupling = SemidiscreteOT(iterations=5, batch_size=8)
+    coupling = SemidiscreteOT(iterations=5)
     take(coupling, Dataset(data.x1), 1)
     other = Dataset(data.x1 + 1)
     used = take(coupling, other, 2)
-    fresh = take(SemidiscreteOT(iterations=5, batch_size=8), other, 2)
+    fresh = take(SemidiscreteOT(iterations=5), other, 2)
     assert torch.equal(used[1].target_index, fresh[1].target_index)
     assert torch.equal(used[0].x1, other.x1[used[0].target_index])
 
@@ -214,7 +211,7 @@ def test_another_noise_is_fitted_anew(data):
         return 5 + torch.rand(n, 2, generator=generator)
 
     given = Dataset(data.x1)
-    coupling = SemidiscreteOT(iterations=300, batch_size=64)
+    coupling = SemidiscreteOT(iterations=300)
     take(coupling, given, 1)
     chosen = joined(take(coupling, given, 40, source=far), "target_index")
     frequency = torch.bincount(chosen, minlength=24) / len(chosen)
@@ -225,23 +222,20 @@ def test_a_large_weight_leaves_no_skew_and_none_much():
     data = mixtures.rotating_pair().sample(400, generator=seeded())
     skewed = []
     for weight in (0.0, 1e3):
-        coupling = SemidiscreteOT(weight, iterations=300, batch_size=128)
+        coupling = SemidiscreteOT(weight, iterations=300)
         batch = take(coupling, Dataset(*data), 1, batch_size=1000)[0]
         skewed.append(prior_skew(batch.x0, batch.c, generator=seeded()))
     assert skewed[0].flagged
     assert skewed[1].statistic < 0.2 * skewed[0].statistic
 
 
-def test_endless_data_need_a_number_of_rows():
-    with pytest.raises(TypeError, match=r"endless.*n_samples"):
+def test_endless_data_are_refused():
+    with pytest.raises(TypeError, match=r"endless.*Dataset"):
         take(SemidiscreteOT(), mixtures.petals(), 1)
-    coupling = SemidiscreteOT(1.0, n_samples=50, iterations=3, batch_size=8)
-    batches = take(coupling, mixtures.petals(), 20)
-    assert len(joined(batches, "x1").unique(dim=0)) <= 50
 
 
 def test_a_data_set_smaller_than_the_batch_duplicates_and_one_row():
-    coupling = SemidiscreteOT(iterations=20, batch_size=16)
+    coupling = SemidiscreteOT(iterations=20)
     assert take(coupling, Dataset(torch.randn(3, 2)), 1)[0].x1.shape == (64, 2)
     assert take(coupling, Dataset(torch.zeros(5, 2)), 1)[0].x1.eq(0).all()
     assert take(coupling, Dataset(torch.ones(1, 2)), 1)[0].x1.eq(1).all()
@@ -249,7 +243,7 @@ def test_a_data_set_smaller_than_the_batch_duplicates_and_one_row():
 
 
 def test_constant_integer_and_bool_conditions(data):
-    options = {"iterations": 20, "batch_size": 16}
+    options = {"iterations": 20}
     reference = SemidiscreteOT(3.0, **options)
     x0 = torch.randn(24, 2)
     expected = reference(x0, data.x1, data.c)
@@ -265,7 +259,7 @@ def test_constant_integer_and_bool_conditions(data):
 def test_conditions_far_from_zero_cost_no_precision():
     data = points()
     x0 = torch.randn(24, 2)
-    options = {"iterations": 20, "batch_size": 16}
+    options = {"iterations": 20}
     near = SemidiscreteOT(1e6, **options)(x0, data.x1, data.c)
     far = SemidiscreteOT(1e6, **options)(x0, data.x1, data.c + 1e4)
     assert torch.equal(near.target_index, far.target_index)
@@ -285,8 +279,6 @@ def test_a_weight_that_drowns_the_samples_is_told():
         (lambda d: SemidiscreteOT("much"), TypeError, "condition_weight must be a number"),
         (lambda d: SemidiscreteOT(clusters=0), ValueError, "clusters must be at least 1"),
         (lambda d: SemidiscreteOT(iterations=0), ValueError, "iterations must be at least 1"),
-        (lambda d: SemidiscreteOT(batch_size=0), ValueError, "batch_size must be at least 1"),
-        (lambda d: SemidiscreteOT(n_samples=0), ValueError, "n_samples must be at least 1"),
         (lambda d: SemidiscreteOT(1.0).fit(d.x1), TypeError, "needs the conditions c"),
         (lambda d: SemidiscreteOT(clusters=2).fit(d.x1), TypeError, "needs the conditions c"),
         (lambda d: take(SemidiscreteOT(1.0), Dataset(d.x1), 1), TypeError, "needs the conditions"),
@@ -307,7 +299,7 @@ def test_bad_input(call, error, message, data):
 def test_a_potential_that_has_not_converged_says_so():
     x1 = 3 * torch.randn(2000, 2, generator=torch.Generator().manual_seed(0))
     with pytest.warns(RuntimeWarning, match="raise iterations above 3"):
-        SemidiscreteOT(iterations=3, batch_size=16).fit(x1, progress=False)
+        SemidiscreteOT(iterations=3).fit(x1, progress=False)
 
 
 @pytest.mark.parametrize("name", ["petals", "petals given c", "moving modes", "32 dimensions"])
@@ -328,37 +320,29 @@ def test_the_default_fit_comes_near_the_floor(name):
 
 
 def test_the_default_effort_grows_with_the_rows_and_stays_within_bounds():
-    def effort(n, clusters=1, **options):
-        coupling = SemidiscreteOT(**options)
-        coupling._x1 = torch.zeros(n, 1)
-        coupling._groups = list(torch.arange(n).chunk(clusters))
-        return coupling._effort()
-
     for n in (2000, 8000, 20_000):
-        iterations, batch_size = effort(n)
+        iterations, batch_size = semidiscrete._effort([n])
         assert iterations * batch_size == pytest.approx(200 * n, rel=0.01)
-    assert effort(24) == (500, 64)
-    assert effort(10**6)[1] == 4096
-    iterations, batch_size = effort(100_000)  # 200 draws a row would be 2e12 heights
+    assert semidiscrete._effort([24]) == (500, 64)
+    assert semidiscrete._effort([10**6])[1] == 4096
+    iterations, batch_size = semidiscrete._effort([100_000])  # 200 draws would be 2e12 heights
     assert iterations * batch_size * 100_000 == pytest.approx(1e11, rel=0.01)
-    iterations, batch_size = effort(100_000, clusters=64)
+    iterations, batch_size = semidiscrete._effort([100_000 // 64] * 64)
     assert iterations * batch_size == pytest.approx(200 * 100_000, rel=0.01)
-    assert effort(2000, iterations=7, batch_size=9) == (7, 9)
 
 
 def test_the_last_step_follows_the_spacing_of_the_rows():
     """Rows ten times as dense: steps that are as much smaller. Duplicates do not count."""
     x1 = torch.randn(300, 2, generator=seeded())
-    steps = {}
+    steps, coupling = {}, SemidiscreteOT()
     for name, rows in {"far": x1, "near": x1 / 10, "twice": x1.repeat(2, 1)}.items():
-        coupling = SemidiscreteOT()
-        coupling._prepare(rows, None)
-        steps[name] = coupling._steps(None)
+        steps[name] = coupling._steps(semidiscrete._Points(coupling, rows, None), None)
         assert 0 < steps[name][1] < steps[name][0]
     assert steps["near"][1] == pytest.approx(steps["far"][1] / 10, rel=0.3)
     assert steps["twice"][1] == pytest.approx(steps["far"][1], rel=0.5)
 
 
-def test_a_batch_larger_than_the_data_is_stable(data):
-    coupling = SemidiscreteOT(iterations=800, batch_size=2000).fit(data.x1, progress=False)
+def test_a_batch_larger_than_the_data_is_stable():
+    x1 = torch.randn(3, 2, generator=seeded())
+    coupling = SemidiscreteOT(iterations=3000).fit(x1, progress=False)
     assert coupling.marginal_error < coupling.marginal_floor + 0.02

@@ -133,8 +133,8 @@ def test_every_coupling_finds_its_place():
         coupling.observe(Still(), 0)
     couplings = {
         "adaptive": AdaptiveConditionalOT(0.3),
-        "semidiscrete": SemidiscreteOT(50.0, iterations=50, batch_size=64),
-        "clusters": SemidiscreteOT(clusters=4, iterations=50, batch_size=64),
+        "semidiscrete": SemidiscreteOT(50.0, iterations=50),
+        "clusters": SemidiscreteOT(clusters=4, iterations=50),
         "reflow": Reflow(lambda x0, c: x0 + c[:, :2]),
         "labels": StratifiedOT(),
         **aligned,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from cotlearn.couplings import Centred, MinibatchOT, StratifiedOT
+from cotlearn.couplings import MinibatchOT, StratifiedOT, centred
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import linear_skew, prior_skew
 from cotlearn.mixtures import moving_modes
@@ -83,7 +83,7 @@ def test_only_cells_see_what_a_polynomial_has_not_taken_off():
     c = 4 * torch.rand(8192, 1, generator=seeded()) - 2
     x1 = torch.cat([(3 * c).sin(), (3 * c).cos()], dim=1) + 0.1 * normal(8192, 2)
     weights = torch.linalg.lstsq(c ** torch.arange(3), x1).solution
-    coupling = Centred(MinibatchOT(), lambda c: c ** torch.arange(3) @ weights)
+    coupling = centred(MinibatchOT(), lambda c: c ** torch.arange(3) @ weights)
     x0, c = paired(coupling, Dataset(x1, c), rows=8192)
     assert linear_skew(x0, c, degree=2).explained < 0.01
     assert linear_skew(x0, c, cells=32).explained > 0.3

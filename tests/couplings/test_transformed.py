@@ -1,0 +1,280 @@
+"""Another coupling pairs transformed data; the data stay, and the prior stays blind.
+
+Each problem has data that do not depend on the condition once they are transformed.
+"""
+
+import math
+
+import pytest
+import torch
+
+from cotlearn import couplings
+from cotlearn.couplings import (
+    ConditionalOT,
+    Independent,
+    MinibatchOT,
+    ModelAligned,
+    Reflow,
+    SemidiscreteOT,
+    StratifiedOT,
+    Transformed,
+    centred,
+)
+from cotlearn.datasets import Dataset
+from cotlearn.diagnostics import frontier, linear_skew, prior_skew
+from cotlearn.mixtures import rotating_pair
+
+INNER = [MinibatchOT(), ConditionalOT(3.0), StratifiedOT(8)]
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def turn(x, angle):
+    cos, sin = angle[:, 0].cos(), angle[:, 0].sin()
+    return torch.stack([cos * x[:, 0] - sin * x[:, 1], sin * x[:, 0] + cos * x[:, 1]], 1)
+
+
+def forward(x, c):
+    return turn(x, -math.pi / 2 * c)
+
+
+def inverse(x, c):
+    return turn(x, math.pi / 2 * c)
+
+
+def mean(c):
+    return torch.cat([3 * (2 * c).sin(), 2 * c], dim=1)
+
+
+def spread(c):
+    return 0.3 + c.abs()
+
+
+class Turned:
+    """Both modes lie in the direction of the angle pi/2 c."""
+
+    endless = rotating_pair()
+
+    def wrap(self, coupling):
+        return Transformed(coupling, forward, inverse)
+
+
+class Shifted:
+    """A location-scale family: two modes about a mean, at a distance, that follow c."""
+
+    @property
+    def endless(self):
+        return self
+
+    def sample(self, n, generator=None, scaled=True):
+        c = 2 * torch.rand(n, 1, generator=generator) - 1
+        modes = 2.0 * torch.randint(0, 2, (n, 1), generator=generator) - 1
+        left = 0.3 * torch.randn(n, 2, generator=generator) + modes * torch.tensor([0.0, 1.0])
+        return mean(c) + (spread(c) if scaled else 1.0) * left, c
+
+    def wrap(self, coupling):
+        return centred(coupling, mean, spread)
+
+
+@pytest.fixture(params=[Turned(), Shifted()], ids=["framed", "centred"])
+def problem(request):
+    return request.param
+
+
+def pairs_of(data, coupling, n=500, seed=0):
+    x1, c = data.sample(n, generator=seeded(seed))
+    x0 = torch.randn(n, 2, generator=seeded(seed + 1))
+    return x1, c, coupling(x0, x1, c, seeded(seed + 2))
+
+
+def test_the_rows_are_those_of_the_data_and_the_noise_turns_back(problem):
+    x1, c, pairs = pairs_of(problem.endless, problem.wrap(MinibatchOT()))
+    assert torch.equal(pairs.c, c[pairs.target_index])
+    assert torch.equal(pairs.x1, x1[pairs.target_index])  # the very rows
+    assert sorted(pairs.target_index.tolist()) == list(range(500))
+    noise = torch.randn(500, 2, generator=seeded(1))[pairs.source_index]
+    back = forward(pairs.x0, pairs.c) if isinstance(problem, Turned) else pairs.x0
+    assert torch.allclose(back, noise, atol=1e-6)
+
+
+def test_it_pairs_as_the_coupling_inside_pairs_transformed_data(problem):
+    x1, c, pairs = pairs_of(problem.endless, problem.wrap(ConditionalOT(3.0)))
+    seen = forward(x1, c) if isinstance(problem, Turned) else (x1 - mean(c)) / spread(c)
+    x0 = torch.randn(500, 2, generator=seeded(1))
+    inside = ConditionalOT(3.0)(x0, seen, c, seeded(2))
+    assert torch.equal(pairs.target_index, inside.target_index)
+    assert torch.equal(pairs.source_index, inside.source_index)
+
+
+def test_naive_ot_inside_does_not_skew_and_straightens_the_most(problem):
+    """Transformed, the data are the same for every c: there is nothing to know."""
+    x1, c = problem.endless.sample(1600, generator=seeded())
+    tried = {
+        "independent": Independent(),
+        "naive": MinibatchOT(),
+        "wrapped": problem.wrap(MinibatchOT()),
+    }
+    found = frontier(x1, c, tried, rows=1024, repetitions=2, progress=False)
+    assert found["naive"].flagged
+    assert not found["wrapped"].flagged
+    assert found["wrapped"].candidates == 256
+    variance = {point.name: point.one_step_variance for point in found}
+    assert variance["wrapped"] < 0.4 * variance["independent"]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_noise_stays_standard_normal_and_blind(problem, seed):
+    *_, pairs = pairs_of(problem.endless, problem.wrap(MinibatchOT()), n=1024, seed=10 * seed)
+    assert pairs.x0.mean(dim=0).abs().max() < 0.13
+    assert (pairs.x0.T.cov() - torch.eye(2)).abs().max() < 0.24
+    assert prior_skew(pairs.x0, pairs.c).p_value > 1e-4
+    assert linear_skew(pairs.x0, pairs.c, degree=2).p_value > 1e-4
+
+
+@pytest.mark.parametrize("inner", INNER, ids=repr)
+def test_it_passes_for_the_coupling_inside(problem, inner):
+    coupling = problem.wrap(inner)
+    data = Dataset(*problem.endless.sample(100, generator=seeded()))
+    assert coupling.epoch_rows(data) == inner.epoch_rows(data)
+    for name in ("name", "uses_ot_batch", "whole_data", "solves"):
+        assert getattr(coupling, name) == getattr(inner, name)
+    assert repr(coupling).startswith(f"Transformed(coupling={inner!r}, forward=")
+    assert " at 0x" not in repr(coupling)
+    next(coupling.stream(data, batch_size=50))
+    again = problem.wrap(StratifiedOT(8))
+    again.load_state_dict(coupling.state_dict())
+    assert again.state_dict().keys() == coupling.state_dict().keys()
+
+
+def test_epochs_drawn_from_endless_data(problem):
+    stream = problem.wrap(StratifiedOT(4, n_samples=64)).stream(
+        problem.endless, batch_size=64, generator=seeded()
+    )
+    first, second = next(stream), next(stream)
+    assert len(torch.cat([first.x1, second.x1]).unique(dim=0)) == 128
+
+
+def test_a_transform_of_nothing_changes_nothing():
+    def same(x, c):
+        return x
+
+    plain = pairs_of(Shifted(), ConditionalOT(2.0))[2]
+    for still in (
+        Transformed(ConditionalOT(2.0), same, same),
+        centred(ConditionalOT(2.0), lambda c: torch.zeros(len(c), 2)),
+    ):
+        pairs = pairs_of(Shifted(), still)[2]
+        assert torch.equal(pairs.x0, plain.x0)
+        assert torch.equal(pairs.x1, plain.x1)
+
+
+def test_the_mean_alone_leaves_the_length_of_noise_to_the_condition():
+    """Without its spread the family is centred only by half; squares of x0 tell so."""
+
+    def told(coupling):
+        *_, pairs = pairs_of(Shifted(), coupling, n=2048)
+        return linear_skew(pairs.x0.square(), pairs.c, degree=2).explained
+
+    assert told(centred(MinibatchOT(), mean)) > 0.05
+    assert abs(told(centred(MinibatchOT(), mean, spread))) < 0.015
+
+
+def test_within_one_condition_centring_changes_no_pairing():
+    """Neither a shift nor one number for the spread changes which pairing is the cheapest."""
+    x1, _ = Shifted().sample(200, generator=seeded())
+    c = torch.full((200, 1), 0.4)
+    x0 = torch.randn(200, 2, generator=seeded(5))
+    plain = MinibatchOT()(x0, x1, c, seeded())
+    about = centred(MinibatchOT(), mean, spread)(x0, x1, c, seeded())
+    cost = [float((p.x0 - p.x1).square().sum()) for p in (plain, about)]
+    assert cost[1] == pytest.approx(cost[0], rel=1e-5)
+
+
+def test_a_linear_mean_in_one_stratum_is_that_of_stratified_ot():
+    """`StratifiedOT(residual=True)` regresses inside strata; with one, that is a global line."""
+    x1, c = Shifted().sample(400, generator=seeded(), scaled=False)
+    x0 = torch.randn(400, 2, generator=seeded(1))
+    features = torch.cat([torch.ones_like(c), c], dim=1)
+    weights = torch.linalg.lstsq(features.double(), x1.double()).solution.float()
+
+    def line(some):
+        return torch.cat([torch.ones_like(some), some], dim=1) @ weights
+
+    one = centred(StratifiedOT(1), line)(x0, x1, c, seeded())
+    two = StratifiedOT(1, residual=True)(x0, x1, c, seeded())
+    costs = [float((p.x0 - (p.x1 - line(p.c))).square().sum()) for p in (one, two)]
+    assert costs[0] == pytest.approx(costs[1], rel=1e-3)
+    assert (one.target_index == two.target_index).float().mean() > 0.9  # but for ties by rounding
+
+
+def test_its_words_name_what_is_inside():
+    text = repr(Transformed(Independent(), forward, inverse))
+    assert text == "Transformed(coupling=Independent(), forward=forward, inverse=inverse)"
+    text = repr(centred(Independent(), mean, spread))
+    assert "forward=Residual(mean, spread)" in text
+    assert centred(Independent(), mean) == centred(Independent(), mean)
+
+
+def test_old_names_still_work():
+    with pytest.warns(FutureWarning, match="Framed is called .*Transformed now"):
+        assert couplings.Framed is Transformed
+    with pytest.warns(FutureWarning, match="Centred is called .*centred now"):
+        assert couplings.Centred is centred
+
+
+X, C = torch.randn(20, 2), torch.randn(20, 1)
+OT = MinibatchOT()
+
+
+def framed(forward, inverse):
+    return Transformed(OT, forward, inverse)(X, X, C)
+
+
+def about(mean, spread=None):
+    return centred(OT, mean, spread)(X, X, C)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: Transformed("exact", forward), TypeError, "coupling must be a Coupling"),
+        (lambda: Transformed(ModelAligned(), forward), ValueError, "network's or teacher's"),
+        (lambda: Transformed(Reflow(forward), forward), ValueError, "network's or teacher's"),
+        (lambda: Transformed(SemidiscreteOT(), forward), ValueError, "nor SemidiscreteOT"),
+        (lambda: centred(ConditionalOT(1.0, label="source"), mean), ValueError, "label them by"),
+        (lambda: Transformed(OT, forward)(X, X), TypeError, "needs the conditions c"),
+        (lambda: Transformed(OT, forward)(X, X[:9], C), ValueError, "x1 has 9 rows"),
+        (
+            lambda: next(centred(StratifiedOT(2), mean).stream(Shifted(), batch_size=8)),
+            TypeError,
+            "endless",
+        ),
+        (lambda: Transformed(OT, None, inverse), TypeError, "forward must be a function"),
+        (lambda: Transformed(OT, forward, 3), TypeError, "inverse must be a function"),
+        (lambda: framed(lambda x, c: 2 * x, inverse), ValueError, "forward must keep the length"),
+        (lambda: framed(forward, lambda x, c: x + 1), ValueError, "inverse must keep the length"),
+        (
+            lambda: framed(lambda x, c: x[:, :1], inverse),
+            ValueError,
+            r"forward must return values of shape \(20, 2\), got \(20, 1\)",
+        ),
+        (lambda: framed(lambda x, c: x / 0, inverse), ValueError, "forward must return finite"),
+        (lambda: centred(OT, None), TypeError, "mean must be a function of c"),
+        (lambda: centred(OT, mean, 3), TypeError, "spread must be a function of c"),
+        (lambda: about(lambda c: c), ValueError, r"mean must .* \(20, 2\), got \(20, 1\)"),
+        (lambda: about(lambda c: 0.0), ValueError, "mean must .* got float"),
+        (lambda: about(lambda c: mean(c) / 0), ValueError, "mean must return finite"),
+        (
+            lambda: about(mean, lambda c: c[0]),
+            ValueError,
+            r"spread must .* \(20, 1\) or \(20, 2\), got \(1,\)",
+        ),
+        (lambda: about(mean, lambda c: -c.abs()), ValueError, "spread must be positive, got -"),
+        (lambda: about(mean, lambda c: c * math.nan), ValueError, "spread must return finite"),
+    ],
+)
+def test_bad_input(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
