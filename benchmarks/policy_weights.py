@@ -77,7 +77,7 @@ def ship_strata(setting: str, trained: Path) -> None:
 def compare(original: ChunkPolicy, rounded: ChunkPolicy) -> None:
     """Prints how far two policies differ on the same noise, in one chunk and in whole episodes."""
     task = original.windows.task
-    starts = task.worlds(range(EPISODES)).states
+    starts = task.vector_sim(range(EPISODES)).states
     history = np.repeat(starts[:, None], original.windows.observe, axis=1)
     noise = original.noise(EPISODES, torch.Generator().manual_seed(SEED))
     first, second = (policy.chunk(history, noise=noise) for policy in (original, rounded))

@@ -13,7 +13,8 @@ import torch
 from cotlearn import assets
 from cotlearn.homework import submissions
 from cotlearn.policies.comparison.cells import _done
-from cotlearn.robots.experts import record
+from cotlearn.robots.episodes.npz import read_arrays, write_arrays
+from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.storage import load_tensors, save_tensors
 
 ABOUT = {"task": "push-t", "seed": 0, "versions": {}}
@@ -29,13 +30,12 @@ def demonstrations(path):
     arrays = {name: rng.integers(0, 9000, (40, n)).astype("int16") for name, n in rows.items()}
     arrays["episode_ends"] = np.array([15, 40])
     arrays["seed"] = np.array([3, 4], dtype="uint32")
-    recipe = record.RECIPES["push-t"]
-    record.write(path, arrays, {**ABOUT, "task": recipe.title})
+    write_arrays(path, arrays, {**ABOUT, "task": PUSH_T.title})
 
 
 def read_demonstrations(path):
-    found = record.load(path)
-    return [found.state.tolist(), found.action.tolist(), found.seed.tolist(), found.about]
+    arrays, about = read_arrays(path)
+    return [{name: array.tolist() for name, array in arrays.items()}, about]
 
 
 def read_weights(path):

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cotlearn.robots.push_t import GOAL, MAX_STEPS, Simulations, coverage, random_state
+from cotlearn.robots.push_t import GOAL, MAX_STEPS, PushTVectorSim, coverage, random_state
+from cotlearn.robots.push_t.definition import PUSH_T
+from cotlearn.robots.task import check_actions
 from cotlearn.validation import check_count
 
 Array = NDArray[np.float64]
@@ -76,17 +78,18 @@ def play(
     Raises:
         ValueError: `act` returns another shape, or places outside the world.
     """
-    worlds = Simulations(_starts(check_count(episodes, "episodes"), twist, first_seed))
-    path = [worlds.states]
+    sim = PushTVectorSim(_starts(check_count(episodes, "episodes"), twist, first_seed))
+    path = [sim.states]
     plan = np.zeros((episodes, 0, 2))
     for _ in range(check_count(max_steps, "max_steps")):
         if plan.shape[1] == 0:
             plan = np.asarray(act(np.stack([path[max(len(path) - 2, 0)], path[-1]], axis=1)))
             if plan.ndim != 3 or plan.shape[::2] != (episodes, 2) or plan.shape[1] == 0:
                 raise ValueError(f"act must return shape ({episodes}, n, 2), got {plan.shape}")
-        worlds.step(plan[:, 0])
+            check_actions(plan, PUSH_T.action_limits, "actions of act", shape=plan.shape)
+        sim.step(plan[:, 0])
         plan = plan[:, 1:]
-        path.append(worlds.states)
+        path.append(sim.states)
     states = np.array(path)
     scores = np.array([covered(row, twist.goal) for row in states])
     return Played(scores.max(axis=0), _inside(states[1:], twist).sum(axis=0), states)

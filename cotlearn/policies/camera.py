@@ -171,12 +171,12 @@ class SeenFromT:
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
 
-    def into(self, x: Tensor, c: Tensor) -> Tensor:
+    def to_frame(self, x: Tensor, c: Tensor) -> Tensor:
         """Chunks x (B, d) of scenes c (B, k), as seen from the T."""
         return self._turned(x, c, -1)
 
-    def out(self, x: Tensor, c: Tensor) -> Tensor:
-        """The inverse of `into`."""
+    def from_frame(self, x: Tensor, c: Tensor) -> Tensor:
+        """The inverse of `to_frame`."""
         return self._turned(x, c, 1)
 
     def _turned(self, x: Tensor, c: Tensor, sign: int) -> Tensor:

@@ -234,7 +234,7 @@ class ChunkPolicy:
         """The median of the seconds that a chunk takes, from states to actions."""
         check_count(repetitions, "repetitions")
         generator = torch.Generator().manual_seed(0)
-        state = self.windows.task.worlds(range(check_count(batch, "batch"))).states
+        state = self.windows.task.vector_sim(range(check_count(batch, "batch"))).states
         history = np.repeat(state[:, None], self.windows.observe, axis=1)
         seconds = []
         for _ in range(repetitions + 2):

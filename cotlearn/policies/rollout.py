@@ -14,7 +14,7 @@ from torch import Tensor
 
 from cotlearn.couplings.base import generator_for
 from cotlearn.progress import progress_bar
-from cotlearn.robots.task import Array, Task
+from cotlearn.robots.task import Array, Task, check_actions
 from cotlearn.validation import check_count
 
 FRESH = 1_000_000  #: seeds from here on are for evaluation (demonstrations' are hashed, 32 bits)
@@ -113,10 +113,10 @@ def rollout(
         first = check_count(first_seed, "first_seed", minimum=0)
         seeds = range(first, first + check_count(episodes, "episodes"))
     episodes = check_count(len(seeds), "seeds")
-    worlds = task.worlds(seeds)
-    state = worlds.states
+    sim = task.vector_sim(seeds)
+    state = sim.states
     history = np.repeat(state[:, None], _observed(policy), axis=1)
-    active = ~worlds.finished
+    active = ~sim.finished
     steps = np.zeros(episodes, dtype=np.int64)
     done = np.full((max_steps, episodes, len(task.action)), np.nan)
     kept, seconds, chunks = [state], 0.0, 0
@@ -135,19 +135,19 @@ def rollout(
                 seconds += time.perf_counter() - started
                 chunks += len(rows)
             action = plan[:, place]
-            worlds.step(action, active=active)
+            sim.step(action, active=active)
             done[now, active] = action[active]
             steps[active] += 1
-            state = worlds.states
+            state = sim.states
             history = np.concatenate([history[:, 1:], state[:, None]], axis=1)
-            active = active & ~worlds.finished
+            active = active & ~sim.finished
             if record:
                 kept.append(state)
             bar.update()
     return Rollouts(
         task=task,
         seed=np.asarray(seeds, dtype=np.int64),
-        outcomes=with_thresholds(task, worlds.outcomes()),
+        outcomes=with_thresholds(task, sim.outcomes()),
         steps=steps,
         jerk=_jerk(done, steps),
         seconds=seconds,
@@ -176,11 +176,8 @@ def _observed(policy: Any) -> int:
 
 
 def _checked(actions: Any, policy: Policy, task: Task, rows: NDArray[np.int64]) -> Array:
-    array = np.asarray(actions)
     expected = len(rows), policy.execute, len(task.action)
-    if array.shape != expected:
-        raise ValueError(f"the policy must return actions of shape {expected}, got {array.shape}")
-    return task.check_actions(array, "actions of the policy")
+    return check_actions(actions, task.action_limits, "actions of the policy", shape=expected)
 
 
 def _jerk(done: Array, steps: NDArray[np.int64]) -> Array:

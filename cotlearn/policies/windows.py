@@ -103,7 +103,7 @@ class Windows:
         unit = cls(task, observe, predict, frame, first, second, knots, whole)
         history, actions = unit.cut(episodes, label=label)
         seen = unit._frame.observe(history).reshape(-1, sizes[0])
-        wanted = unit._at_knots(unit._frame.into(actions, history)).reshape(-1, sizes[1])
+        wanted = unit._at_knots(unit._frame.to_frame(actions, history)).reshape(-1, sizes[1])
         ends = _deviation if scale == "deviation" else _range
         return cls(task, observe, predict, frame, ends(seen), ends(wanted), knots, whole)
 
@@ -172,7 +172,7 @@ class Windows:
             raise ValueError(f"actions must have shape {expected}, got {wanted.shape}")
         if not np.isfinite(wanted).all():
             raise ValueError("actions have NaN or infinite values")
-        seen = self._at_knots(self._frame.into(wanted, history))
+        seen = self._at_knots(self._frame.to_frame(wanted, history))
         scaled = _scale(seen, self.action_range)
         return torch.from_numpy(scaled.reshape(len(scaled), -1)).float()
 
@@ -187,7 +187,7 @@ class Windows:
         values = values.reshape(-1, self.points, self.action_dim)
         low, high = self.action_range
         values = self._between_knots(low + (values + 1) / 2 * (high - low), history)
-        return self._frame.out(values, history)
+        return self._frame.from_frame(values, history)
 
     def check_history(self, history: ArrayLike) -> Array:
         """Returns states (B, observe, columns) as float64 if they are finite."""
@@ -240,7 +240,7 @@ class Windows:
         """The spline through where the tool is now and the knots, at every step."""
         if self.knots is None:
             return values
-        here = self._frame.into(history[:, -1:, : self.action_dim], history)
+        here = self._frame.to_frame(history[:, -1:, : self.action_dim], history)
         times = np.concatenate([[0], self._knot_steps])
         curve = CubicSpline(
             times, np.concatenate([here, values], axis=1), axis=1, bc_type="clamped"

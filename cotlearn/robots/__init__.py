@@ -1,4 +1,4 @@
-"""Robots as a source: tasks, experts, and the episodes that they leave.
+"""Robots as a source: tasks, experts, and the episodes that they record.
 
 Importing this package registers the environments with gymnasium::
 
@@ -10,19 +10,12 @@ Importing this package registers the environments with gymnasium::
 
 import gymnasium
 
-from cotlearn.robots.arm import task as _arm
-from cotlearn.robots.push_t.task import MAX_STEPS
+from cotlearn.robots.registry import TASKS
 
-gymnasium.register(
-    id="cotlearn/PushT-v0",
-    entry_point="cotlearn.robots.push_t.environment:PushT",
-    max_episode_steps=MAX_STEPS,
-)
-
-for _kind in _arm.KINDS:
+for _task in TASKS.values():
     gymnasium.register(
-        id=f"cotlearn/Arm{_kind.title()}-v0",
-        entry_point="cotlearn.robots.arm.environment:Arm",
-        max_episode_steps=_arm.MAX_STEPS,
-        kwargs={"kind": _kind},
+        id=_task.environment,
+        entry_point=_task.entry_point,
+        max_episode_steps=_task.max_steps,
+        kwargs=dict(_task.environment_options),
     )

@@ -1,4 +1,4 @@
-"""What policies, episodes and rollouts need to know about a task, and nothing else."""
+"""What a task is: all that recordings, episodes, policies and rollouts need to know about it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+_ROUNDING = 1e-6  #: by which a limit in single precision may be off
 
-class Worlds(Protocol):
-    """Several worlds that are stepped side by side."""
+
+class VectorSim(Protocol):
+    """Several simulations that are stepped side by side."""
 
     @property
     def states(self) -> Array:
@@ -22,20 +24,20 @@ class Worlds(Protocol):
 
     @property
     def finished(self) -> NDArray[np.bool_]:
-        """(n,), whether the episode of each world is over before its time limit."""
+        """(n,), whether each episode is over before its time limit."""
         ...
 
     def step(self, actions: ArrayLike, *, active: NDArray[np.bool_] | None = None) -> None:
-        """One control step with actions (n, columns) of all worlds, or of the active ones."""
+        """One control step with actions (n, columns) in all simulations, or in the active ones."""
         ...
 
     def outcomes(self) -> dict[str, Array]:
-        """What each episode came to until now, name -> (n,); with "mode", -1 for none."""
+        """The results of each episode so far, name -> (n,); with "mode", -1 for none."""
         ...
 
 
 class Frame(Protocol):
-    """A way to write down states and actions: what the network gets to see, and says."""
+    """A coordinate frame: what the network sees of a state, and how it writes down actions."""
 
     features: int  #: numbers for one observed state
 
@@ -43,87 +45,145 @@ class Frame(Protocol):
         """(B, T, features) from states (B, T, columns)."""
         ...
 
-    def into(self, actions: Array, history: Array) -> Array:
-        """Actions (B, n, columns) of the world, as seen in the frame of the last state."""
+    def to_frame(self, actions: Array, history: Array) -> Array:
+        """Actions (B, n, columns) of the world, in the frame that the last state defines."""
         ...
 
-    def out(self, actions: Array, history: Array) -> Array:
-        """The inverse of `into`."""
+    def from_frame(self, actions: Array, history: Array) -> Array:
+        """The inverse of `to_frame`."""
         ...
 
 
-class World:
+@dataclass
+class IdentityFrame:
     """The frame that changes nothing: states and actions as they are."""
 
-    def __init__(self, features: int) -> None:
-        self.features = features
+    features: int
 
     def observe(self, history: Array) -> Array:
         """The states."""
         return history
 
-    def into(self, actions: Array, history: Array) -> Array:
+    def to_frame(self, actions: Array, history: Array) -> Array:
         """The actions."""
         return actions
 
-    def out(self, actions: Array, history: Array) -> Array:
+    def from_frame(self, actions: Array, history: Array) -> Array:
         """The actions."""
         return actions
 
 
 @dataclass(frozen=True)
-class Task:
-    """A task for robots.
+class Demonstration:
+    """One episode of an expert; row t of each array belongs to control step t.
 
     Attributes:
-        name: as in `cotlearn bench NAME`.
+        state: (n, columns), before the action.
+        action: (n, columns), what was done: intention plus noise, a multiple of the task's unit.
+        intention: (n, columns), what the expert meant, a multiple of the task's unit.
+        success: whether the goal was reached, in the mode that was chosen.
+        mode: the mode that was chosen; None if the expert does not choose one in advance.
+    """
+
+    state: Array
+    action: Array
+    intention: Array
+    success: bool
+    mode: int | None = None
+
+
+class Expert(Protocol):
+    """A planned demonstrator."""
+
+    def episode(self, seed: int, *, state: ArrayLike | None = None) -> Demonstration:
+        """Demonstrates one episode.
+
+        Args:
+            seed: of the start, as in `env.reset(seed=seed)`, and of all choices.
+            state: (columns,), where to start instead; then the seed is of the choices alone.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task for robots, as `cotlearn.robots.registry` lists it.
+
+    Attributes:
+        title: as files of demonstrations have it; in lower case the name of the task.
+        environment: id of the gymnasium environment.
+        entry_point: "module:class" of the environment.
+        environment_options: keyword arguments of that class.
+        vector_sim: makes the simulations that `env.reset(seed=...)` starts for some seeds.
         state: names of a state's columns. The first are where the tool is, in the space of actions.
         action: names of an action's columns.
         state_limits: (2, columns), the smallest and largest values of a state.
-        action_limits: (2, columns), the same of an action, which policies are cut to.
+        action_limits: (2, columns), the same of an action; policies' actions are clipped to them.
         max_steps: control steps of an episode.
         frames: by name; the first is the default.
-        worlds: makes the worlds of some seeds.
-        score: the outcome that decides.
-        thresholds: outcome -> (other outcome, value above which it is 1, else 0).
-        modes: how many ways of doing it are told apart (outcome "mode").
+        score: the outcome by which policies are compared.
+        modes: how many modes are told apart (outcome "mode").
         mode_steps: control steps after which the mode is known.
+        demonstrations: the file of the course's demonstrations, in `data/`.
+        expert: makes the demonstrator.
+        state_units: what each column of a state is rounded to when it is stored.
+        action_units: the same of an action, which is a multiple of it already.
+        packages: whose versions a recording notes.
+        thresholds: outcome -> (other outcome, value above which it is 1, else 0).
     """
 
-    name: str
+    title: str
+    environment: str
+    entry_point: str
+    vector_sim: Callable[[Sequence[int]], VectorSim]
     state: tuple[str, ...]
     action: tuple[str, ...]
     state_limits: Array
     action_limits: Array
     max_steps: int
     frames: Mapping[str, Frame]
-    worlds: Callable[[Sequence[int]], Worlds]
     score: str
     modes: int
     mode_steps: int
+    demonstrations: str
+    expert: Callable[[], Expert]
+    state_units: tuple[float, ...]
+    action_units: tuple[float, ...]
+    packages: tuple[str, ...]
+    environment_options: Mapping[str, Any] = field(default_factory=dict)
     thresholds: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
-    def check_actions(self, actions: Any, name: str = "actions") -> Array:
-        """Returns actions (..., columns) as float64 if they are finite numbers within the limits.
+    @property
+    def name(self) -> str:
+        """As in `cotlearn bench NAME`."""
+        return self.title.lower()
 
-        Raises:
-            TypeError: they are not real numbers.
-            ValueError: they are not finite or outside the limits.
-        """
-        array = np.asarray(actions)
-        if array.dtype.kind not in "fiu":
-            raise TypeError(f"{name} must be real numbers, got {array.dtype}")
-        array = array.astype(np.float64)
-        if not np.isfinite(array).all():
-            raise ValueError(f"{name} must be finite, got {array[~np.isfinite(array)].tolist()}")
-        low, high = self.action_limits
-        if (array < low).any() or (array > high).any():
-            span = ", ".join(
-                f"{column} in [{a:g}, {b:g}]"
-                for column, a, b in zip(self.action, low, high, strict=True)
-            )
-            raise ValueError(
-                f"{name} must lie within {span}; got values from {array.min():g} to "
-                f"{array.max():g}: clip them if that is what you mean"
-            )
-        return array
+
+def check_actions(actions: Any, limits: ArrayLike, name: str, *, shape: tuple[int, ...]) -> Array:
+    """Returns actions as float64 if they are finite numbers within limits, and of this shape.
+
+    Args:
+        actions: (..., columns).
+        limits: (2, columns), the smallest and the largest values.
+        name: of the argument.
+        shape: that is expected.
+
+    Raises:
+        TypeError: they are not real numbers.
+        ValueError: they have another shape, are not finite or outside the limits.
+    """
+    array = np.asarray(actions)
+    if array.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{name} must be real numbers, got {array.dtype}")
+    array = array.astype(np.float64)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite, got {array[~np.isfinite(array)].tolist()}")
+    low, high = np.asarray(limits)
+    if (array < low - _ROUNDING).any() or (array > high + _ROUNDING).any():
+        raise ValueError(
+            f"{name} must lie between {low.tolist()} and {high.tolist()}; got "
+            f"values from {array.min():g} to {array.max():g}: clip them if that is what you mean"
+        )
+    return array

@@ -12,7 +12,7 @@ import time
 import pytest
 
 from cotlearn.policies.policy import ChunkPolicy
-from cotlearn.robots.experts.record import load
+from cotlearn.robots.episodes import read
 
 pytestmark = [
     pytest.mark.slow,
@@ -70,8 +70,8 @@ def test_demos(tmp_path):
     os.link(tmp_path / "kept.npz", part)
     finish(words, tmp_path)
     assert (tmp_path / "kept.npz").stat().st_mtime_ns == before.st_mtime_ns
-    whole, kept = load(tmp_path / "made.npz"), load(tmp_path / "kept.npz")
-    assert len(whole.episode_ends) == 60
+    whole, kept = read(tmp_path / "made.npz"), read(tmp_path / "kept.npz")
+    assert len(whole) == 60
     assert (whole.state[: len(kept.state)] == kept.state).all()
     assert not part.parent.exists()
 

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.collections import LineCollection
 
 from cotlearn import plots
-from cotlearn.robots.arm import WAYS, random_start, skeleton, solve
+from cotlearn.robots.arm import MODES, random_start, skeleton, solve
 
 STATE = random_start(np.random.default_rng(0), "ring")
 AVOID = random_start(np.random.default_rng(0), "avoid")
@@ -46,7 +46,7 @@ def test_twelve_modes_can_be_told_apart():
 
 
 def test_paths_in_space():
-    ax = plots.arm_paths_3d(paths(), STATE, modes=[0, 0, 2, -1, 1], labels=WAYS["ring"])
+    ax = plots.arm_paths_3d(paths(), STATE, modes=[0, 0, 2, -1, 1], labels=MODES["ring"])
     assert ax.name == "3d"
     assert ax.get_zlim()[0] == 0
     assert ax.get_zlim()[1] > STATE[9]

@@ -18,6 +18,7 @@ from cotlearn.policies.pixels import CameraOptions
 from cotlearn.policies.policy import ChunkPolicy, FlowSampler
 from cotlearn.policies.settings import SETTINGS
 from cotlearn.policies.training import train
+from cotlearn.robots.push_t.definition import PUSH_T
 
 SMALL = CameraOptions(
     steps=4,
@@ -76,10 +77,10 @@ def test_seen_from_the_t(network, data, episodes):
     """As `BodyFrame` turns directions; and the inner network of `TurnedMLP` sees the same."""
     seen = SeenFromT(network.camera)
     x, c = data.x1[:9], data.c[:9]
-    turned = seen.into(x, c)
+    turned = seen.to_frame(x, c)
     for row, angle in enumerate(episodes.state[:9, 4]):
         assert torch.allclose(turned[row], _turn(x[row : row + 1], -angle)[0], atol=1e-4)
-    assert torch.allclose(seen.out(turned, c), x, atol=1e-5)
+    assert torch.allclose(seen.from_frame(turned, c), x, atol=1e-5)
 
 
 def test_the_pose_error_of_the_true_pose_is_zero(network, data, episodes):
@@ -223,15 +224,14 @@ def test_the_frontier_can_be_asked_for_pictures(data, windows, monkeypatch):
 
 
 def test_a_small_bench(episodes, tmp_path, monkeypatch):
-    from cotlearn.policies.comparison import cells, scores
+    from cotlearn.policies.comparison import scores
     from cotlearn.policies.rollout import rollout
 
     def short(policy, **options):
         return rollout(policy, **{**options, "max_steps": 9})
 
     expert = SimpleNamespace(episode=lambda seed, *, state: SimpleNamespace(action=_still(state)))
-    recipe = SimpleNamespace(expert=lambda: expert)
-    monkeypatch.setattr(cells, "RECIPES", {"push-t": recipe})
+    monkeypatch.setitem(vars(PUSH_T), "expert", lambda: expert)
     monkeypatch.setattr(scores, "SCORED_STATES", 10)
     monkeypatch.setattr(scores, "SCORED_SAMPLES", 2)
     monkeypatch.setattr(scores, "MODE_STARTS", 2)

@@ -14,6 +14,7 @@ from cotlearn.policies.comparison import Protocol, bench, choose, samplers, summ
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.training import METHODS, Options, train
 from cotlearn.robots.episodes import write_lerobot
+from cotlearn.robots.push_t.definition import PUSH_T
 
 SMALL = Options(
     steps=20,
@@ -29,10 +30,9 @@ SMALL = Options(
 
 @pytest.fixture(autouse=True)
 def _little_to_score(monkeypatch):
-    from cotlearn.policies.comparison import cells, choice, scores
+    from cotlearn.policies.comparison import choice, scores
 
-    recipe = SimpleNamespace(expert=lambda: SimpleNamespace(episode=_straight_on))
-    monkeypatch.setattr(cells, "RECIPES", {"push-t": recipe})
+    monkeypatch.setitem(vars(PUSH_T), "expert", lambda: SimpleNamespace(episode=_straight_on))
     monkeypatch.setattr(scores, "SCORED_STATES", 20)
     monkeypatch.setattr(scores, "SCORED_SAMPLES", 2)
     monkeypatch.setattr(scores, "MODE_STARTS", 2)

@@ -8,9 +8,8 @@ import torch
 import cotlearn.robots  # noqa: F401  (registers the environment)
 from cotlearn.policies import rollout as module
 from cotlearn.policies.rollout import FRESH
-from cotlearn.robots.push_t import GOAL, Simulations
+from cotlearn.robots.push_t import GOAL, PushTVectorSim
 from cotlearn.robots.push_t.definition import PUSH_T
-from cotlearn.robots.push_t.worlds import PushTWorlds
 
 
 def rollout(policy, **options):
@@ -55,19 +54,10 @@ def test_episodes_are_paired():
     assert many.seed[0] == FRESH
 
 
-class TwoStarts(PushTWorlds):
-    """One is at its goal already."""
-
-    def __init__(self, seeds):
-        Simulations.__init__(
-            self, [[50.0, 50.0, *GOAL], [100.0, 100.0, 300.0, 300.0, 0.0]][: len(seeds)]
-        )
-        self._best, self._mode = self.coverage, np.full(len(seeds), -1.0)
-
-
 def test_success_ends_an_episode_and_nobody_asks_for_it_again():
     policy = Wander(scale=0.0)
-    task = replace(PUSH_T, worlds=TwoStarts)
+    starts = [[50.0, 50.0, *GOAL], [100.0, 100.0, 300.0, 300.0, 0.0]]  # one is at its goal already
+    task = replace(PUSH_T, vector_sim=lambda seeds: PushTVectorSim(starts))
     done = rollout(policy, task=task, episodes=2, max_steps=8, progress=False)
     assert done.steps.tolist() == [0, 8]
     assert done["coverage"][0] > 0.99
@@ -85,16 +75,9 @@ def test_the_side_that_is_pushed_first():
         def act(self, history, *, noise=None):
             return np.tile([256.0, 400.0], (len(history), 4, 1))
 
-    class Above(PushTWorlds):
-        """An upright T below the agent, and one far away from it."""
-
-        def __init__(self, seeds):
-            Simulations.__init__(
-                self, [[256.0, 100.0, 256, 200, 0.0], [256.0, 100.0, 400, 200, 0.0]]
-            )
-            self._best, self._mode = self.coverage, np.full(2, -1.0)
-
-    task = replace(PUSH_T, worlds=Above)
+    # an upright T below the agent, and one far away from it
+    starts = [[256.0, 100.0, 256, 200, 0.0], [256.0, 100.0, 400, 200, 0.0]]
+    task = replace(PUSH_T, vector_sim=lambda seeds: PushTVectorSim(starts))
     done = rollout(Down(), task=task, episodes=2, max_steps=10, progress=False)
     assert done["mode"].tolist() == [0, -1]  # the outer edge of the bar; nothing
 
@@ -123,18 +106,18 @@ def test_jerk_by_hand():
 def test_starts_are_those_of_the_environment():
     env = gymnasium.make("cotlearn/PushT-v0", obs_type="state").unwrapped
     state, _ = env.reset(seed=7)
-    assert np.allclose(PushTWorlds([6, 7]).states[1][:2], state[:2], atol=1e-3)
+    assert np.allclose(PushTVectorSim.from_seeds([6, 7]).states[1][:2], state[:2], atol=1e-3)
 
 
 @pytest.mark.parametrize(
     ("actions", "error", "message"),
     [
-        (np.zeros((2, 3, 2)), ValueError, r"actions of shape \(2, 4, 2\), got \(2, 3, 2\)"),
+        (np.zeros((2, 3, 2)), ValueError, r"policy must have shape \(2, 4, 2\), got \(2, 3, 2\)"),
         (np.full((2, 4, 2), np.nan), ValueError, "actions of the policy must be finite"),
         (
             np.full((2, 4, 2), 600.0),
             ValueError,
-            r"actions of the policy must lie within x in \[0, 512\], y in \[0, 512\]",
+            r"actions of the policy must lie between \[0.0, 0.0\] and \[512.0, 512.0\]",
         ),
         (np.full((2, 4, 2), "left"), TypeError, "actions of the policy must be real numbers"),
     ],

@@ -5,16 +5,23 @@ import sys
 import numpy as np
 import pytest
 
-from cotlearn.robots.arm import MAX_STEPS, WAYS, ArmWorlds, columns, random_start, solve
+from cotlearn.robots.arm import (
+    MAX_STEPS,
+    MODES,
+    ArmVectorSim,
+    columns,
+    homotopy_class,
+    random_start,
+    solve,
+)
 from cotlearn.robots.arm import model as models
 from cotlearn.robots.arm.definition import ARM_AVOID, ARM_RING
 from cotlearn.robots.arm.task import GOAL, HIGH, KINDS, LOW, TIP, pillars
-from cotlearn.robots.arm.ways import way_round
 
 
-def line(worlds, lift=0.0):
+def line(sim, lift=0.0):
     """Targets (40, n, 3) straight from start to goal, lifted in the middle."""
-    state = worlds.states
+    state = sim.states
     start, goal = state[:, TIP], state[:, GOAL]
     t = np.arange(1, MAX_STEPS + 1)[:, None, None] / MAX_STEPS
     share = 10 * t**3 - 15 * t**4 + 6 * t**5
@@ -23,10 +30,10 @@ def line(worlds, lift=0.0):
     return targets
 
 
-def run(worlds, targets):
+def run(sim, targets):
     for target in targets:
-        worlds.step(target)
-    return worlds.outcomes()
+        sim.step(target)
+    return sim.outcomes()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -50,73 +57,74 @@ def test_starts(kind):
         assert (np.diff(posts[:, 2:, 1]) > 0.1).all()
 
 
-def test_worlds_begin_where_they_should_and_do_not_move_by_themselves():
-    worlds = ArmWorlds([5, 6], "ring")
-    state = worlds.states
+def test_simulations_begin_where_they_should_and_do_not_move_by_themselves():
+    sim = ArmVectorSim.from_seeds([5, 6], "ring")
+    state = sim.states
     assert np.abs(
         state - [random_start(np.random.default_rng(s), "ring") for s in (5, 6)]
     ).max() < (1.1e-4)
-    run(worlds, np.repeat(state[None, :, TIP], 5, axis=0))
-    assert np.abs(worlds.states - state).max() < 2e-4
-    assert np.array_equal(worlds.steps, [5, 5])
-    assert not worlds.done.any()
-    assert np.array_equal(worlds.score, [0, 0])
-    assert np.array_equal(worlds.outcomes()["mode"], [-1, -1])
+    run(sim, np.repeat(state[None, :, TIP], 5, axis=0))
+    assert np.abs(sim.states - state).max() < 2e-4
+    assert not sim.done.any()
+    assert np.array_equal(sim.score, [0, 0])
+    assert np.array_equal(sim.outcomes()["mode"], [-1, -1])
 
 
 def test_over_the_pillar_is_a_success_and_straight_through_it_a_collision():
-    worlds = ArmWorlds(range(6), "ring")
-    targets = line(worlds, lift=0.2)
+    sim = ArmVectorSim.from_seeds(range(6), "ring")
+    targets = line(sim, lift=0.2)
     behind = []
     for target in targets:
-        worlds.step(target)
-        behind.append(np.linalg.norm(worlds.states[:, TIP] - target, axis=1))
+        sim.step(target)
+        behind.append(np.linalg.norm(sim.states[:, TIP] - target, axis=1))
     assert np.mean(behind) < 0.002  # the arm follows
     assert np.max(behind) < 0.005
-    outcomes = worlds.outcomes()
-    assert worlds.done.all()
-    assert not worlds.finished.any()
+    outcomes = sim.outcomes()
+    assert sim.done.all()
+    assert not sim.finished.any()
     assert np.array_equal(outcomes["success"], np.ones(6))
     assert np.array_equal(outcomes["collision"], np.zeros(6))
-    assert np.array_equal(outcomes["mode"], np.full(6, WAYS["ring"].index("over")))
+    assert np.array_equal(outcomes["mode"], np.full(6, MODES["ring"].index("over")))
     assert outcomes["goal_error"].max() < 2e-4
-    assert np.array_equal(worlds.score, np.ones(6))
-    assert worlds.touched() == [""] * 6
+    assert np.array_equal(sim.score, np.ones(6))
+    assert sim.touched() == [""] * 6
 
-    worlds = ArmWorlds(range(6), "ring")
-    outcomes = run(worlds, line(worlds))
-    assert worlds.finished.all()
-    assert (worlds.steps < MAX_STEPS).all()
+    sim = ArmVectorSim.from_seeds(range(6), "ring")
+    outcomes = run(sim, line(sim))
+    assert sim.finished.all()
     assert np.array_equal(outcomes["collision"], np.ones(6))
     assert np.array_equal(outcomes["success"], np.zeros(6))
     assert np.array_equal(outcomes["mode"], np.full(6, -1))
-    assert np.array_equal(worlds.score, np.zeros(6))
-    assert worlds.touched() == ["pillar1"] * 6
+    assert np.array_equal(sim.score, np.zeros(6))
+    assert sim.touched() == ["pillar1"] * 6
 
 
 def test_touching_the_table_is_a_collision():
-    worlds = ArmWorlds([0], "ring")
-    low = worlds.states[:, TIP].copy()
+    sim = ArmVectorSim.from_seeds([0], "ring")
+    low = sim.states[:, TIP].copy()
     low[:, 2] = -0.02
-    run(worlds, np.repeat(low[None], 3, axis=0))
-    assert worlds.finished.all()
-    assert worlds.touched() == ["table"]
+    run(sim, np.repeat(low[None], 3, axis=0))
+    assert sim.finished.all()
+    assert sim.touched() == ["table"]
 
 
 def test_missing_the_goal_is_neither():
-    worlds = ArmWorlds([0, 1], "ring")
-    targets = line(worlds, lift=0.2)
+    sim = ArmVectorSim.from_seeds([0, 1], "ring")
+    targets = line(sim, lift=0.2)
     targets[:, 0, 2] += np.linspace(0, 0.05, MAX_STEPS)
-    outcomes = run(worlds, targets)
+    outcomes = run(sim, targets)
     assert np.array_equal(outcomes["success"], [0, 1])
     assert np.array_equal(outcomes["collision"], [0, 0])
     assert outcomes["goal_error"][0] == pytest.approx(0.05, abs=1e-3)
-    assert worlds.score[0] == pytest.approx(0.25, abs=0.01)
+    assert sim.score[0] == pytest.approx(0.25, abs=0.01)
     assert outcomes["mode"][0] == -1
 
 
 def test_a_world_does_not_depend_on_the_others_and_can_stand_still():
-    together, alone = ArmWorlds([3, 4, 5], "avoid"), ArmWorlds([4], "avoid")
+    together, alone = (
+        ArmVectorSim.from_seeds([3, 4, 5], "avoid"),
+        ArmVectorSim.from_seeds([4], "avoid"),
+    )
     target = together.states[:, TIP] + [0.0, 0.01, 0.02]
     active = np.array([False, True, True])
     before = together.states
@@ -124,61 +132,46 @@ def test_a_world_does_not_depend_on_the_others_and_can_stand_still():
         together.step(np.where(active[:, None], target, np.nan), active=active)
         alone.step(target[1:2])
     assert np.array_equal(together.states[0], before[0])
-    assert np.array_equal(together.steps, [0, 3, 3])
     assert np.abs(together.states[1] - alone.states[0]).max() < 1e-9
 
 
 def test_a_target_out_of_reach_is_approached_and_told():
-    worlds = ArmWorlds([0, 1], "ring")
-    here = worlds.states[:, TIP]
+    sim = ArmVectorSim.from_seeds([0, 1], "ring")
+    here = sim.states[:, TIP]
     high = here + np.array([0, 0, 0.2])
-    worlds.step(np.array([[0.3, 0.4, 3.0], high[1]]))
-    assert np.array_equal(worlds.unreachable, [True, False])
-    worlds.step(high)
-    assert np.array_equal(worlds.unreachable, [False, False])
-    assert np.array_equal(worlds.outcomes()["unreachable"], [1, 0])
+    sim.step(np.array([[0.3, 0.4, 3.0], high[1]]))
+    assert np.array_equal(sim.unreachable, [True, False])
+    sim.step(high)
+    assert np.array_equal(sim.unreachable, [False, False])
+    assert np.array_equal(sim.outcomes()["unreachable"], [1, 0])
 
 
 def test_no_joint_turns_faster_than_it_may():
-    worlds = ArmWorlds([0], "ring")
-    before = worlds.joints.copy()
-    worlds.step(worlds.states[:, TIP] + [0, 0, 0.3])
-    assert 0.17 < np.abs(worlds.joints - before).max() <= 0.2611
+    sim = ArmVectorSim.from_seeds([0], "ring")
+    before = sim.joints.copy()
+    sim.step(sim.states[:, TIP] + [0, 0, 0.3])
+    assert 0.17 < np.abs(sim.joints - before).max() <= 0.2611
 
 
 def test_joint_targets():
-    worlds = ArmWorlds([0], "ring")
-    place = worlds.states[:, TIP] + [0, 0, 0.05]
-    joints = solve(place, worlds.joints).joints
+    sim = ArmVectorSim.from_seeds([0], "ring")
+    place = sim.states[:, TIP] + [0, 0, 0.05]
+    joints = solve(place, sim.joints).joints
     for _ in range(5):
-        worlds.step_joints(joints)
-    assert np.abs(worlds.states[:, TIP] - place).max() < 1e-3
-    worlds.step_joints(joints + 10)
-    assert worlds.unreachable.all()
-    assert np.isfinite(worlds.states).all()
+        sim.step_joints(joints)
+    assert np.abs(sim.states[:, TIP] - place).max() < 1e-3
+    sim.step_joints(joints + 10)
+    assert sim.unreachable.all()
+    assert np.isfinite(sim.states).all()
 
 
 def test_the_arm_cannot_pass_through_itself():
-    worlds = ArmWorlds([0], "ring")
+    sim = ArmVectorSim.from_seeds([0], "ring")
     folded = np.array([[0.0, -1.76, 0.0, -3.07, 0.0, 0.3, 0.8]])
     for _ in range(15):
-        worlds.step_joints(folded)
-    assert worlds.finished.all()
-    assert worlds.touched()[0] in ("the arm itself", "pillar1", "table")
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_actions_that_are_no_numbers(bad):
-    worlds = ArmWorlds([0], "ring")
-    with pytest.raises(ValueError, match="actions must be finite, got"):
-        worlds.step(np.array([[0.5, bad, 0.1]]))
-    with pytest.raises(ValueError, match="actions must be finite, got"):
-        worlds.step_joints(np.full((1, 7), bad))
-    with pytest.raises(ValueError, match=r"actions have shape \(3,\), expected \(1, 3\)"):
-        worlds.step(np.zeros(3))
-    with pytest.raises(TypeError, match="actions must be real numbers, got bool"):
-        worlds.step(np.ones((1, 3), dtype=bool))
-    assert worlds.steps[0] == 0
+        sim.step_joints(folded)
+    assert sim.finished.all()
+    assert sim.touched()[0] in ("the arm itself", "pillar1", "table")
 
 
 def start(**changes):
@@ -193,26 +186,18 @@ def test_starts_that_cannot_be():
     inside = start()
     inside[:, TIP] = [*inside[0, 6:8], 0.05]
     with pytest.raises(ValueError, match=r"the tip \[.*\] of states\[0\] is in pillar1"):
-        ArmWorlds.at(inside, "ring")
+        ArmVectorSim(inside, "ring")
     inside = start()
     inside[:, GOAL] = [*inside[0, 6:8], 0.05]
     with pytest.raises(ValueError, match=r"the goal \[.*\] of states\[0\] is in pillar1"):
-        ArmWorlds.at(inside, "ring")
+        ArmVectorSim(inside, "ring")
     with pytest.raises(ValueError, match=r"the goal .* of states\[0\] is out of reach: the tip"):
-        ArmWorlds.at(start(goal_x=1.2), "ring")
+        ArmVectorSim(start(goal_x=1.2), "ring")
     with pytest.raises(ValueError, match=r"the tip .* of states\[0\] is in table"):
-        ArmWorlds.at(start(tip_z=-0.03), "ring")
-    with pytest.raises(ValueError, match="states must be finite"):
-        ArmWorlds.at(start(goal_x=np.nan), "ring")
-    with pytest.raises(ValueError, match=r"states must have shape \(n, 26\) with n > 0 for kind"):
-        ArmWorlds.at(start(), "avoid")
-    with pytest.raises(ValueError, match="a height above its radius"):
-        ArmWorlds.at(start(pillar_1_radius=0.3), "ring")
-    with pytest.raises(ValueError, match="kind must be"):
-        ArmWorlds([0], "rings")
+        ArmVectorSim(start(tip_z=-0.03), "ring")
 
 
-def test_ways_round():
+def test_homotopy_classes():
     states = np.tile(start(tip_x=0.3, tip_y=0, goal_x=0.7, goal_y=0), (6, 21, 1))[:5]
     states[..., 6:] = [0.5, 0.0, 0.04, 0.15]
     t = np.linspace(0, 1, 21)
@@ -221,7 +206,7 @@ def test_ways_round():
     states[0, :, 1], states[1, :, 1], states[2, :, 2] = 0.1 * bump, -0.1 * bump, 0.25 * bump
     states[3, :, 1], states[3, :, 2] = 0.1 * bump, 0.16 * bump  # higher than the pillar, but beside
     states[4, :, 0] = 0.3  # never passes
-    assert way_round(states, "ring").tolist() == [0, 1, 2, 0, -1]
+    assert homotopy_class(states, "ring").tolist() == [0, 1, 2, 0, -1]
 
     state = random_start(np.random.default_rng(0), "avoid")
     posts = pillars(state)
@@ -233,35 +218,35 @@ def test_ways_round():
         path[1, 1] = (edges[0][first] + edges[0][first + 1]) / 2
         path[2, 1] = (edges[1][second] + edges[1][second + 1]) / 2
         path[3, :3] = state[GOAL]
-        assert way_round(path[None], "avoid").tolist() == [mode]
-        assert way_round(path[None, :3] - [0.02, *[0] * 25], "avoid").tolist() == [-1]
-    assert len(WAYS["avoid"]) == 12
+        assert homotopy_class(path[None], "avoid").tolist() == [mode]
+        assert homotopy_class(path[None, :3] - [0.02, *[0] * 25], "avoid").tolist() == [-1]
+    assert len(MODES["avoid"]) == 12
 
 
 def test_pillars_stand_where_the_state_says():
     """The tip is lowered onto a pillar: it is touched at its height."""
     state = random_start(np.random.default_rng(2), "ring")
     x, y, _, height = pillars(state)[0]
-    worlds = ArmWorlds([2], "ring")
+    sim = ArmVectorSim.from_seeds([2], "ring")
     above = np.array([[x, y, height + 0.05]])
-    worlds.step(worlds.states[:, TIP] + [0, 0, 0.2])
+    sim.step(sim.states[:, TIP] + [0, 0, 0.2])
     for _ in range(10):
-        worlds.step(above)
-    assert not worlds.finished.any()
+        sim.step(above)
+    assert not sim.finished.any()
     for z in np.arange(height + 0.05, height - 0.02, -0.004):
-        worlds.step(np.array([[x, y, z]]))
-    assert worlds.touched() == ["pillar1"]
-    assert worlds.states[0, 2] == pytest.approx(height, abs=0.004)
+        sim.step(np.array([[x, y, z]]))
+    assert sim.touched() == ["pillar1"]
+    assert sim.states[0, 2] == pytest.approx(height, abs=0.004)
 
 
 @pytest.mark.parametrize("task", [ARM_RING, ARM_AVOID])
 def test_the_task(task):
-    worlds = task.worlds([0, 1])
-    states = worlds.states
+    sim = task.vector_sim([0, 1])
+    states = sim.states
     assert states.shape == (2, len(task.state))
     assert ((states >= task.state_limits[0]) & (states <= task.state_limits[1])).all()
-    assert task.score in worlds.outcomes()
-    assert not worlds.finished.any()
+    assert task.score in sim.outcomes()
+    assert not sim.finished.any()
     assert next(iter(task.frames)) == "goal"
 
 
@@ -270,7 +255,7 @@ def test_a_wrong_mujoco_is_told(monkeypatch, version):
     models.mujoco.cache_clear()
     monkeypatch.setattr("mujoco.__version__", version)
     with pytest.raises(ImportError, match=rf"needs MuJoCo 3.3 or newer, below 5.0, but {version}"):
-        ArmWorlds([0], "ring")
+        ArmVectorSim.from_seeds([0], "ring")
     monkeypatch.undo()
     models.mujoco.cache_clear()
 
@@ -279,7 +264,7 @@ def test_without_mujoco_it_is_told_how_to_get_it(monkeypatch):
     models.mujoco.cache_clear()
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ModuleNotFoundError, match="the arm needs MuJoCo; install it with: pip"):
-        ArmWorlds([0], "ring")
+        ArmVectorSim.from_seeds([0], "ring")
     monkeypatch.undo()
     models.mujoco.cache_clear()
 

@@ -26,11 +26,11 @@ def turned(values, angle, about, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_out_is_the_inverse_of_into_and_distances_stay(kind):
+def test_from_frame_is_the_inverse_of_to_frame_and_distances_stay(kind):
     frame, history = GoalFrame(kind), histories(kind)
     actions = np.random.default_rng(1).uniform(-1, 1, (len(history), 7, 3))
-    seen = frame.into(actions, history)
-    assert np.abs(frame.out(seen, history) - actions).max() < 1e-14
+    seen = frame.to_frame(actions, history)
+    assert np.abs(frame.from_frame(seen, history) - actions).max() < 1e-14
     assert np.allclose(np.diff(seen, axis=1)[..., 2], np.diff(actions, axis=1)[..., 2])
     lengths = [np.linalg.norm(np.diff(a, axis=1), axis=-1) for a in (seen, actions)]
     assert np.allclose(*lengths)
@@ -49,7 +49,7 @@ def test_what_is_seen(kind):
     assert np.allclose(np.hypot(seen[:, -1, 3], seen[:, -1, 4]), away)
     for untouched in (2, 5, 8, 9):
         assert np.array_equal(seen[..., untouched], history[..., untouched])
-    goal = frame.into(history[:, -1:, GOAL], history)[:, 0]
+    goal = frame.to_frame(history[:, -1:, GOAL], history)[:, 0]
     assert np.allclose(goal[:, :2], seen[:, -1, 3:5])
     assert np.allclose(goal[:, 2], history[:, -1, 5] - history[:, -1, 2])
 
@@ -61,7 +61,7 @@ def test_a_turned_and_moved_world_looks_the_same(kind):
     about = np.array([0.3, -0.2])
     again, moved = (turned(values, 1.1, about, kind) for values in (history, actions))
     assert np.allclose(frame.observe(again), frame.observe(history))
-    assert np.allclose(frame.into(moved, again), frame.into(actions, history))
+    assert np.allclose(frame.to_frame(moved, again), frame.to_frame(actions, history))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -69,7 +69,9 @@ def test_at_the_goal_itself_the_frame_is_still_one(kind):
     frame, history = GoalFrame(kind), histories(kind)
     history[:, -1, TIP] = history[:, -1, GOAL]
     actions = np.random.default_rng(1).uniform(-1, 1, (len(history), 4, 3))
-    assert np.abs(frame.out(frame.into(actions, history), history) - actions).max() < 1e-14
+    assert (
+        np.abs(frame.from_frame(frame.to_frame(actions, history), history) - actions).max() < 1e-14
+    )
     assert np.isfinite(frame.observe(history)).all()
 
 
@@ -77,5 +79,5 @@ def test_nothing_is_changed():
     frame, history = GoalFrame("ring"), histories("ring")
     before = history.copy()
     frame.observe(history)
-    frame.out(frame.into(np.zeros((len(history), 2, 3)), history), history)
+    frame.from_frame(frame.to_frame(np.zeros((len(history), 2, 3)), history), history)
     assert np.array_equal(history, before)

@@ -9,11 +9,14 @@ import pytest
 from typer.testing import CliRunner
 
 from cotlearn import assets, cli
+from cotlearn.robots.episodes import read
+from cotlearn.robots.episodes.npz import read_arrays, write_arrays
 from cotlearn.robots.experts import record as recording
-from cotlearn.robots.experts.push_t import Episode
 from cotlearn.robots.push_t import SUCCESS, Simulation, random_state
+from cotlearn.robots.push_t.definition import PUSH_T
+from cotlearn.robots.task import Demonstration
 
-SHIPPED = "push_t_demos.npz"
+SHIPPED = PUSH_T.demonstrations
 
 
 class Quick:
@@ -28,29 +31,29 @@ class Quick:
         intention = np.rint(generator.uniform(0, 512, (steps, 2)) * 32) / 32
         state = generator.uniform(0, 400, (steps, 5))
         state[:, 4] -= 200
-        return Episode(state, intention, intention, coverage=0.0 if seed % 7 == 0 else 1.0)
+        return Demonstration(state, intention, intention, success=seed % 7 != 0)
 
 
 @pytest.fixture
 def quick(monkeypatch):
     monkeypatch.setattr(Quick, "calls", 0)
-    monkeypatch.setattr(recording, "PushTExpert", Quick)
+    monkeypatch.setitem(vars(PUSH_T), "expert", Quick)
     monkeypatch.setattr(recording, "PART", 4)
     return Quick
 
 
 def make(path, **changes):
-    return recording.record(path, **{"episodes": 10, "seed": 1, "show_progress": False, **changes})
+    return recording.record(path, **{"episodes": 10, "seed": 1, **changes})
 
 
 def test_what_is_recorded_is_read_back(quick, tmp_path):
     about = make(tmp_path / "a.npz")
-    found = recording.load(tmp_path / "a.npz")
-    assert found.about == about
-    assert len(found.episode_ends) == len(found.seed) == about["episodes"] == 10
+    found = read(tmp_path / "a.npz")
+    assert read_arrays(tmp_path / "a.npz")[1] == about
+    assert len(found) == len(found.seed) == about["episodes"] == 10
     assert about["replaced"] == quick.calls - 10 > 0
     begin = 0
-    for seed, end in zip(found.seed, found.episode_ends, strict=True):
+    for seed, end in zip(found.seed, found.ends, strict=True):
         episode = Quick().episode(int(seed))
         assert episode.success
         rows = slice(begin, end)
@@ -85,7 +88,7 @@ def test_an_interrupted_recording_ends_in_the_same_bytes(quick, tmp_path, monkey
     assert (tmp_path / "broken.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
 
 
-def test_a_damaged_part_is_made_anew_and_a_foreign_one_refused(quick, tmp_path, monkeypatch):
+def test_a_damaged_part_is_made_anew_and_another_recording_refused(quick, tmp_path, monkeypatch):
     make(tmp_path / "whole.npz")
     with monkeypatch.context() as patch:
         patch.setattr(Quick, "episode", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
@@ -97,8 +100,8 @@ def test_a_damaged_part_is_made_anew_and_a_foreign_one_refused(quick, tmp_path, 
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
 
     (tmp_path / "b.npz.parts").mkdir()
-    arrays, about = recording.read(tmp_path / "whole.npz")
-    recording.write(tmp_path / "b.npz.parts" / part.name, arrays, about)
+    arrays, about = read_arrays(tmp_path / "whole.npz")
+    write_arrays(tmp_path / "b.npz.parts" / part.name, arrays, about)
     with pytest.raises(ValueError, match="holds parts of another recording"):
         make(tmp_path / "b.npz")
 
@@ -143,22 +146,18 @@ def test_the_command(quick, tmp_path, monkeypatch):
         (lambda path: path.write_bytes(path.read_bytes()[:-200]), "damaged or not an .npz file"),
         (lambda path: path.write_bytes(b"col1,col2\n1,2\n"), "damaged or not an .npz file"),
         (lambda path: flip(path), "damaged"),
-        (lambda path: change(path, state=None), "not a file of Push-T demonstrations: no 'state"),
-        (lambda path: change(path, state=lambda a: a.astype(float)), "state is float64 of shape"),
-        (lambda path: change(path, action=lambda a: a[:, :1]), "action is int16 of shape"),
-        (lambda path: change(path, episode_ends=lambda a: a[::-1]), "episode_ends must rise"),
-        (lambda path: change(path, seed=lambda a: a[:-1]), "do not fit"),
+        (lambda path: change(path, state=None), "do not match their SHA"),
         (lambda path: change(path, action=lambda a: a + np.int16(1)), "do not match their SHA"),
         (lambda path: change(path, about=lambda a: np.array("[]")), "damaged"),
         (lambda path: change(path, state=lambda a: a.astype(object)), "damaged or not an .npz"),
     ],
 )
-def test_damaged_and_foreign_files(quick, tmp_path, damage, message):
+def test_damaged_files_and_others(quick, tmp_path, damage, message):
     path = tmp_path / "a.npz"
     make(path)
     damage(path)
     with pytest.raises((ValueError, FileNotFoundError), match=message) as caught:
-        recording.load(path)
+        read(path)
     assert str(path) in str(caught.value)
 
 
@@ -169,7 +168,7 @@ def test_a_truncated_file_is_closed_again(quick, tmp_path):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ResourceWarning)
         with pytest.raises(ValueError, match="damaged"):
-            recording.load(path)
+            read(path)
         gc.collect()
     assert not [str(warning.message) for warning in caught]
 
@@ -200,7 +199,7 @@ def test_the_shipped_file_is_the_one_that_data_describes():
     text = assets.find_data("README.md").read_text(encoding="utf-8")
     digest = re.search(r"`([0-9a-f]{64})`", text.split(f"## `{SHIPPED}`")[1])[1]
     assert hashlib.sha256(path.read_bytes()).hexdigest() == digest
-    arrays, about = recording.read(path)
+    arrays, about = read_arrays(path)
     assert json.dumps(about["versions"])
     assert len(arrays["seed"]) == about["episodes"] >= 4000
     assert len(set(arrays["seed"].tolist())) == len(arrays["seed"])
@@ -208,11 +207,10 @@ def test_the_shipped_file_is_the_one_that_data_describes():
 
 def test_shipped_episodes_can_be_replayed():
     """To the rounding of the file; on another machine sines may differ in the last digit."""
-    found = recording.load(assets.find_data(SHIPPED))
-    begins = np.concatenate([[0], found.episode_ends[:-1]])
+    found = read(assets.find_data(SHIPPED))
     for episode in (0, 1234, 3999):
         world = Simulation(random_state(np.random.default_rng(int(found.seed[episode]))))
-        for row in range(begins[episode], found.episode_ends[episode]):
+        for row in range(found.starts[episode], found.ends[episode]):
             assert np.abs(np.array(world.state[:4]) - found.state[row, :4]).max() < 1 / 64 + 1e-3
             world.step(*found.action[row].tolist())
         assert world.coverage > SUCCESS

@@ -19,7 +19,6 @@ from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.training import METHODS, Options, Trained, train
 from cotlearn.robots.episodes import Episodes, split
 from cotlearn.robots.experts.modes import demonstrated_modes
-from cotlearn.robots.experts.record import RECIPES
 from cotlearn.robots.task import Task
 from cotlearn.validation import check_choice, check_count
 
@@ -114,7 +113,6 @@ def _demonstrate(path: Path, task: Task, progress: bool | None, say: Say) -> Non
     say("demonstrations: counting modes")
     modes = demonstrated_modes(
         task,
-        RECIPES[task.name].expert(),
         range(scores.MODE_SEED, scores.MODE_SEED + scores.MODE_STARTS),
         draws=scores.MODE_DRAWS,
         progress=progress,

@@ -1,27 +1,30 @@
 """A seven-joint arm that reaches around pillars, on MuJoCo.
 
-MuJoCo itself is imported when the first world is made.
+MuJoCo itself is imported when the first simulation is made.
 """
 
+from cotlearn.renamed import renamed
 from cotlearn.robots.arm.frames import GoalFrame
 from cotlearn.robots.arm.kinematics import Solution, forward, skeleton, solve
-from cotlearn.robots.arm.simulation import ArmWorlds, random_start
-from cotlearn.robots.arm.task import KINDS, MAX_STEPS, SUCCESS, WAYS, columns, pillars
-from cotlearn.robots.arm.ways import way_round
+from cotlearn.robots.arm.modes import homotopy_class
+from cotlearn.robots.arm.simulation import ArmVectorSim, random_start
+from cotlearn.robots.arm.task import KINDS, MAX_STEPS, MODES, SUCCESS, columns, pillars
 
 __all__ = [
     "KINDS",
     "MAX_STEPS",
+    "MODES",
     "SUCCESS",
-    "WAYS",
-    "ArmWorlds",
+    "ArmVectorSim",
     "GoalFrame",
     "Solution",
     "columns",
     "forward",
+    "homotopy_class",
     "pillars",
     "random_start",
     "skeleton",
     "solve",
-    "way_round",
 ]
+
+__getattr__ = renamed(__name__, {"WAYS": "MODES", "way_round": "homotopy_class"})

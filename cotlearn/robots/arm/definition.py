@@ -7,25 +7,34 @@ import functools
 import numpy as np
 
 from cotlearn.robots.arm.frames import GoalFrame
-from cotlearn.robots.arm.simulation import ArmWorlds
-from cotlearn.robots.arm.task import FAR, HIGH, LOW, MAX_STEPS, WAYS, columns
-from cotlearn.robots.task import Task, World
+from cotlearn.robots.arm.simulation import ArmVectorSim
+from cotlearn.robots.arm.task import FAR, HIGH, LOW, MAX_STEPS, MODES, UNIT, columns
+from cotlearn.robots.experts.arm import ArmExpert
+from cotlearn.robots.task import IdentityFrame, Task
 
 
 def _task(kind: str) -> Task:
     state = columns(kind)
     return Task(
-        name=f"arm-{kind}",
+        title=f"arm-{kind}",
+        environment=f"cotlearn/Arm{kind.title()}-v0",
+        entry_point="cotlearn.robots.arm.environment:Arm",
+        environment_options={"kind": kind},
+        vector_sim=functools.partial(ArmVectorSim.from_seeds, kind=kind),
         state=state,
         action=("x", "y", "z"),
         state_limits=np.array([[-FAR] * len(state), [FAR] * len(state)]),
         action_limits=np.stack([LOW, HIGH]),
         max_steps=MAX_STEPS,
-        frames={"goal": GoalFrame(kind), "world": World(len(state))},
-        worlds=functools.partial(ArmWorlds, kind=kind),
+        frames={"goal": GoalFrame(kind), "world": IdentityFrame(len(state))},
         score="success",
-        modes=len(WAYS[kind]),
+        modes=len(MODES[kind]),
         mode_steps=MAX_STEPS,
+        demonstrations=f"arm_{kind}_demos.npz",
+        expert=functools.partial(ArmExpert, kind),
+        state_units=(UNIT,) * len(state),
+        action_units=(UNIT,) * 3,
+        packages=("numpy", "mujoco"),
     )
 
 

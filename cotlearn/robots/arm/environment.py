@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from cotlearn.robots.arm import task
 from cotlearn.robots.arm.kinematics import LOWER, UPPER
 from cotlearn.robots.arm.rendering import Painter
-from cotlearn.robots.arm.simulation import ArmWorlds, random_start
+from cotlearn.robots.arm.simulation import ArmVectorSim, random_start
+from cotlearn.robots.task import Array, check_actions
 from cotlearn.validation import check_choice, check_count
 
 ACTIONS = ("tip", "joints")
@@ -20,8 +21,8 @@ MODELS = ("capsules", "menagerie")
 CAMERAS = ("front", "above", "wrist")
 
 
-class Arm(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
-    """Reach round pillars to a goal.
+class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
+    """Reach around pillars to a goal.
 
     Observations: the state, float64, metres; `cotlearn.robots.arm.columns(kind)` names its
     columns: tip, goal, then x, y, radius and height of each pillar.
@@ -36,7 +37,7 @@ class Arm(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
 
     `info` has "success", "collision", "touched" (what, or ""), "goal_error" (metres),
     "unreachable" (whether this action's target was out of reach: the arm went as near as it got),
-    and "mode", the number of the way round in `cotlearn.robots.arm.WAYS`, -1 without a success.
+    and "mode", the number in `cotlearn.robots.arm.MODES`, -1 without a success.
 
     Args:
         kind: "ring" or "avoid".
@@ -76,14 +77,14 @@ class Arm(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
         columns = len(task.columns(kind))
         self.observation_space = spaces.Box(-task.FAR, task.FAR, shape=(columns,), dtype=np.float64)
         low, high = (task.LOW, task.HIGH) if action_type == "tip" else (LOWER, UPPER)
-        self._limits = low.astype(np.float32), high.astype(np.float32)
-        self.action_space = spaces.Box(*self._limits)
-        self._worlds: ArmWorlds | None = None
+        self._limits = np.stack([low, high])
+        self.action_space = spaces.Box(*self._limits.astype(np.float32))
+        self._sim: ArmVectorSim | None = None
         self._painter: Painter | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    ) -> tuple[Array, dict[str, Any]]:
         """Starts an episode.
 
         Args:
@@ -94,52 +95,32 @@ class Arm(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
             ValueError: `options` holds anything else, or a start that cannot be.
         """
         super().reset(seed=seed)
-        if not options:
-            state = random_start(self.np_random, self.kind)
-        elif set(options) != {"state"}:
-            raise ValueError(f"options must be {{'state': ...}} or None, got {options!r}")
-        else:
-            state = np.asarray(options["state"], dtype=np.float64)
-        self._worlds = ArmWorlds.at(state[None], self.kind, model=self.model)
-        return self._worlds.states[0], self._info()
+        state = self._start(options)
+        self._sim = ArmVectorSim(state[None], self.kind, model=self.model)
+        return self._sim.states[0], self._info()
 
-    def step(self, action: Any) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Leads the arm to `action` for a tenth of a second.
 
         Raises:
             TypeError: `action` is not made of real numbers.
             ValueError: it has another shape than the action space, is not finite or lies outside.
         """
-        worlds = self._running()
-        target = np.asarray(action)
-        if target.shape != self.action_space.shape:
-            raise ValueError(
-                f"action must have shape {self.action_space.shape}, got {target.shape}"
-            )
-        if target.dtype.kind not in "fiu":
-            raise TypeError(f"action must be real numbers, got {target.dtype}")
-        if not np.isfinite(target).all():
-            raise ValueError(f"action must be finite, got {target.tolist()}")
-        low, high = self._limits
-        if (target.astype(np.float32) < low).any() or (target.astype(np.float32) > high).any():
-            raise ValueError(
-                f"action must lie between {low.round(4).tolist()} and {high.round(4).tolist()}, "
-                f"got {target.tolist()}; clip it if that is what you mean"
-            )
-        (worlds.step if self.action_type == "tip" else worlds.step_joints)(target[None])
-        over = bool(worlds.done[0])
-        return worlds.states[0], float(worlds.score[0]), over, False, self._info()
+        sim, limits = self._running(), self._limits
+        target = check_actions(action, limits, "action", shape=limits[0].shape)
+        (sim.step if self.action_type == "tip" else sim.step_joints)(target[None])
+        return sim.states[0], float(sim.score[0]), bool(sim.done[0]), False, self._info()
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture (height, width, 3); None without a mode."""
         if self.render_mode is None:
             return None
-        worlds = self._running()
-        model, data = worlds.model_and_data(0)
+        sim = self._running()
+        model, data = sim.model_and_data(0)
         if self._painter is None:
             width, height = self.size
             self._painter = Painter(model, width=width, height=height, camera=self.camera)
-        return self._painter.paint(model, data, worlds.states[0])
+        return self._painter.paint(model, data, sim.states[0])
 
     def close(self) -> None:
         """Frees what rendering holds; may be called twice."""
@@ -147,19 +128,36 @@ class Arm(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
             self._painter.close()
             self._painter = None
 
-    def _running(self) -> ArmWorlds:
-        if self._worlds is None:
+    def _start(self, options: dict[str, Any] | None) -> Array:
+        if not options:
+            return random_start(self.np_random, self.kind)
+        if set(options) != {"state"}:
+            raise ValueError(f"options must be {{'state': ...}} or None, got {options!r}")
+        state = np.asarray(options["state"], dtype=np.float64)
+        if state.shape != self.observation_space.shape or not np.isfinite(state).all():
+            columns = len(task.columns(self.kind))
+            raise ValueError(f"state must be {columns} finite numbers, got {state.tolist()}")
+        radius, height = task.pillars(state)[:, 2:].T
+        if (radius <= 0).any() or (height <= radius).any():
+            raise ValueError(
+                "state: a pillar needs a radius above 0 and a height above its radius, got radii "
+                f"{radius.tolist()} and heights {height.tolist()}"
+            )
+        return state
+
+    def _running(self) -> ArmVectorSim:
+        if self._sim is None:
             raise gymnasium.error.ResetNeeded("call reset() before step() or render()")
-        return self._worlds
+        return self._sim
 
     def _info(self) -> dict[str, Any]:
-        worlds = self._running()
-        outcomes = worlds.outcomes()
+        sim = self._running()
+        found = {name: values[0] for name, values in sim.outcomes().items()}
         return {
-            "success": bool(outcomes["success"][0]),
-            "collision": bool(outcomes["collision"][0]),
-            "touched": worlds.touched()[0],
-            "goal_error": float(outcomes["goal_error"][0]),
-            "unreachable": bool(worlds.unreachable[0]),
-            "mode": int(outcomes["mode"][0]),
+            "success": bool(found["success"]),
+            "collision": bool(found["collision"]),
+            "touched": sim.touched()[0],
+            "goal_error": float(found["goal_error"]),
+            "unreachable": bool(sim.unreachable[0]),
+            "mode": int(found["mode"]),
         }

@@ -14,10 +14,10 @@ class GoalFrame:
     """Everything seen from above the tip, along the way to the goal.
 
     The origin is the tip of the last state, and the x axis points from there to the goal. The
-    variance of actions that is left for a given condition is the same in all rigid frames, so what
-    a frame takes away is variance *between* conditions. Of the frames that were tried (origin at
-    the base, tip, goal or pillars; x axis fixed, from the tip or the pillars to the goal) this one
-    leaves the least in both kinds of chunks and in the whole paths of "ring". Whole paths of
+    variance of actions given the condition is the same in all rigid frames, so what a frame
+    removes is variance *between* conditions. Of the frames that were tried (origin at the base,
+    tip, goal or pillars; x axis fixed, from the tip or the pillars to the goal) this one has the
+    least variance, for chunks of both kinds and for the whole paths of "ring". Whole paths of
     "avoid" vary as little in the world itself, where the rows of pillars always stand alike.
     Near the goal the direction to it means little, so it fades into the direction from the pillars
     to the goal.
@@ -41,14 +41,14 @@ class GoalFrame:
             seen[..., place] = _turn(history[..., place] - origin[..., :2], along, inverse=True)
         return seen
 
-    def into(self, actions: Array, history: Array) -> Array:
+    def to_frame(self, actions: Array, history: Array) -> Array:
         """Actions (B, n, 3) seen from the tip of the last state."""
         origin, along = _frame(history)
         away = actions - origin
         return np.concatenate([_turn(away[..., :2], along, inverse=True), away[..., 2:]], axis=-1)
 
-    def out(self, actions: Array, history: Array) -> Array:
-        """The inverse of `into`."""
+    def from_frame(self, actions: Array, history: Array) -> Array:
+        """The inverse of `to_frame`."""
         origin, along = _frame(history)
         away = np.concatenate([_turn(actions[..., :2], along), actions[..., 2:]], axis=-1)
         return origin + away

@@ -10,11 +10,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cotlearn.robots.arm.task import HIGH, LOW, TOOL
-
-Array = NDArray[np.float64]
+from cotlearn.robots.task import Array
 
 JOINTS = 7
 _A = np.array([0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088])
@@ -70,32 +69,19 @@ class Chain:
         return _cross(self.axes, self.down[:, None])
 
 
-def forward(joints: ArrayLike) -> Chain:
-    """Forward kinematics of joint angles (n, 7); NaN where an angle is not finite.
-
-    Raises:
-        ValueError: joints have another shape.
-    """
-    q = np.asarray(joints, dtype=np.float64)
-    if q.ndim != 2 or q.shape[1] != JOINTS:
-        raise ValueError(f"joints must have shape (n, {JOINTS}), got {q.shape}")
-    cos, sin = np.cos(q), np.sin(q)
-    turn = np.zeros((len(q), JOINTS, 3, 3))
-    turn[..., 0, 0], turn[..., 0, 1] = cos, -sin
-    turn[..., 1, 0], turn[..., 1, 1], turn[..., 1, 2] = (
-        sin * _COS_ALPHA,
-        cos * _COS_ALPHA,
-        -_SIN_ALPHA,
-    )
-    turn[..., 2, 0], turn[..., 2, 1], turn[..., 2, 2] = (
-        sin * _SIN_ALPHA,
-        cos * _SIN_ALPHA,
-        _COS_ALPHA,
-    )
-    frames = turn
-    for joint in range(1, JOINTS):  # frames[:, i] = turn[:, 0] ... turn[:, i]
-        frames[:, joint] = frames[:, joint - 1] @ turn[:, joint]
-    steps = np.empty((len(q), JOINTS, 3))
+def forward(joints: Array) -> Chain:
+    """Forward kinematics of joint angles (n, 7)."""
+    cos, sin = np.cos(joints), np.sin(joints)
+    frames = np.zeros(
+        (len(joints), JOINTS, 3, 3)
+    )  # of each joint in that of the one before, at first
+    frames[..., 0, 0], frames[..., 0, 1] = cos, -sin
+    frames[..., 1, 0], frames[..., 1, 1] = sin * _COS_ALPHA, cos * _COS_ALPHA
+    frames[..., 2, 0], frames[..., 2, 1] = sin * _SIN_ALPHA, cos * _SIN_ALPHA
+    frames[..., 1, 2], frames[..., 2, 2] = -_SIN_ALPHA, _COS_ALPHA
+    for joint in range(1, JOINTS):
+        frames[:, joint] = frames[:, joint - 1] @ frames[:, joint]
+    steps = np.empty((len(joints), JOINTS, 3))
     steps[:, 0] = _OFFSETS[0]
     steps[:, 1:] = (frames[:, :-1] @ _OFFSETS[1:, :, None])[..., 0]
     origins = steps.cumsum(axis=1)
@@ -105,7 +91,7 @@ def forward(joints: ArrayLike) -> Chain:
     return Chain(origins, axes, flange, flange + TOOL * down, down)
 
 
-def skeleton(joints: ArrayLike) -> Array:
+def skeleton(joints: Array) -> Array:
     """(n, 10, 3), the base, the joints, the flange and the tip of the tool, of joints (n, 7)."""
     chain = forward(joints)
     ends = np.stack([chain.flange, chain.tip], axis=1)
@@ -121,52 +107,40 @@ class Solution:
         error: (n,), metres between tip and target.
         tilt: (n,), sine of the angle between the tool and straight down.
         reached: (n,), whether both are within `TOLERANCE` and `TILT`.
-        iterations: the most that any target took.
     """
 
     joints: Array
     error: Array
     tilt: Array
     reached: NDArray[np.bool_]
-    iterations: int
 
 
-def solve(
-    targets: ArrayLike, start: ArrayLike | None = None, *, iterations: int | None = None
-) -> Solution:
+def solve(targets: Array, start: Array | None = None) -> Solution:
     """Joint angles that bring the tip to targets, the tool pointing down.
 
     Damped least squares: with the error e of tip and tilt and its Jacobian J, each iteration goes
     Δq = r + Jᵀ (J Jᵀ + λ² I)⁻¹ (e - J r), where r pulls to the posture `REST` in what the task
     leaves free, and λ² = |e|² / 10 + 10⁻⁸ (Sugihara 2011, with other factors). A target that has
-    been reached iterates no more, and so no row depends on the others.
+    been reached iterates no more, and so no row depends on the others. There are at most 20
+    iterations from a given start, and 100 otherwise.
 
     Args:
         targets: (n, 3), metres.
         start: (n, 7), where to begin: near the solution it takes 1 to 3 iterations. None begins at
             `REST` turned towards each target, and comes to rest in the posture, so that the
             solution depends on the target alone.
-        iterations: at most; by default 20 from a given start, and 100 otherwise.
-
-    Raises:
-        ValueError: shapes do not fit, or a value is not finite.
     """
-    targets = _matrix(targets, "targets", 3)
-    settle = start is None
     if start is None:
         q = np.tile(REST, (len(targets), 1))
         q[:, 0] += np.arctan2(targets[:, 1], targets[:, 0])
     else:
-        q = _matrix(start, "start", JOINTS).copy()
-        if len(q) != len(targets):
-            raise ValueError(f"start has {len(q)} rows, targets has {len(targets)}")
-    limit = iterations or (100 if settle else 20)
+        q = start.copy()
     # farther away than this it is the direction that counts
     targets = np.clip(targets, LOW - 1.0, HIGH + 1.0)
     error, tilt = np.empty(len(q)), np.empty(len(q))
     rows = np.arange(len(q))
-    count = 0
-    while True:
+    limit = 100 if start is None else 20
+    for count in range(limit + 1):
         chain = forward(q[rows])
         away = targets[rows] - chain.tip
         error[rows] = _length(away)
@@ -176,14 +150,13 @@ def solve(
             break
         step = _step(chain, away, q[rows])
         unsettled = (error[rows] > TOLERANCE) | (tilt[rows] > TILT)
-        if settle:
+        if start is None:
             unsettled |= np.abs(step).max(axis=1) > 1e-6
         rows, step = rows[unsettled], step[unsettled]
         if len(rows) == 0:
             break
         q[rows] = np.clip(q[rows] + step, LOWER, UPPER)
-        count += 1
-    return Solution(q, error, tilt, (error <= TOLERANCE) & (tilt <= TILT), count)
+    return Solution(q, error, tilt, (error <= TOLERANCE) & (tilt <= TILT))
 
 
 def _step(chain: Chain, away: Array, q: Array) -> Array:
@@ -212,12 +185,3 @@ def _cross(a: Array, b: Array) -> Array:
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
-
-
-def _matrix(value: ArrayLike, name: str, columns: int) -> Array:
-    array = np.asarray(value, dtype=np.float64)
-    if array.ndim != 2 or array.shape[1] != columns or len(array) == 0:
-        raise ValueError(f"{name} must have shape (n, {columns}) with n > 0, got {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite, got {array[~np.isfinite(array)].tolist()}")
-    return array

@@ -58,19 +58,17 @@ def dress(root: ElementTree.Element, folder: Path) -> None:
     Raises:
         ValueError: the model in the folder is built in another way.
     """
-    theirs = ElementTree.parse(folder / _FILE).getroot()
-    compiler = theirs.find("compiler")
-    meshes = folder / ((compiler.get("meshdir") if compiler is not None else None) or "")
-    assets, stored = root.find("asset"), theirs.find("asset")
-    if assets is None or stored is None:
-        raise ValueError(f"{folder / _FILE} has no meshes")
+    file = folder / _FILE
+    theirs = ElementTree.parse(file).getroot()
+    bodies = {body.get("name"): body for body in theirs.iter("body")}
+    meshes = folder / next((entry.get("meshdir", "") for entry in theirs.iter("compiler")), "")
+    (assets,) = root.iter("asset")
     shown: set[str] = set()
-    for number in range(8):
-        name = f"link{number}"
-        ours, other = root.find(f".//body[@name='{name}']"), theirs.find(f".//body[@name='{name}']")
-        if ours is None or other is None:
-            raise ValueError(f"{folder / _FILE} has no body {name}")
-        visible = [geom for geom in other.findall("geom") if "visual" in geom.get("class", "")]
+    for name in (f"link{number}" for number in range(8)):
+        if name not in bodies:
+            raise ValueError(f"{file} is not Menagerie's Panda: it has no body {name}")
+        (ours,) = (body for body in root.iter("body") if body.get("name") == name)
+        visible = [g for g in bodies[name].findall("geom") if "visual" in g.get("class", "")]
         if visible:
             for geom in ours.findall("geom"):
                 geom.set("group", "3")  # there, but not shown
@@ -78,20 +76,20 @@ def dress(root: ElementTree.Element, folder: Path) -> None:
             copy = ElementTree.SubElement(ours, "geom", _own_names(geom))
             copy.attrib.update({"class": "look", "type": "mesh", "group": "2"})
             shown.add(geom.get("mesh", ""))
-    for entry in stored:
+    for entry in theirs.iterfind("asset/*"):
         name = entry.get("name", Path(entry.get("file", "")).stem)
         if entry.tag == "mesh" and name in shown:
             copy = ElementTree.SubElement(assets, "mesh", _own_names(entry))
-            file = str((meshes / entry.get("file", "")).resolve())
-            copy.attrib.update({"name": f"panda {name}", "file": file})
+            place = (meshes / entry.get("file", "")).resolve()
+            copy.attrib.update({"name": f"panda {name}", "file": str(place)})
         elif entry.tag == "material":
             ElementTree.SubElement(assets, "material", _own_names(entry))
 
 
 def _own_names(element: ElementTree.Element) -> dict[str, str]:
     """The attributes of an element of theirs, its names set apart from ours."""
-    kept = {key: value for key, value in element.attrib.items() if key != "class"}
-    for key in ("name", "mesh", "material"):
-        if key in kept:
-            kept[key] = "panda " + kept[key]
-    return kept
+    return {
+        key: f"panda {value}" if key in ("name", "mesh", "material") else value
+        for key, value in element.attrib.items()
+        if key != "class"
+    }

@@ -18,6 +18,7 @@ from cotlearn.robots.arm.task import GOAL, pillars
 
 OLDEST, TOO_NEW = (3, 3), (5, 0)  #: versions of MuJoCo: from the first on, and below the second
 _NO_OPENGL = "disable"
+_MJCF = Path(__file__).with_name("arm.xml").read_text(encoding="utf-8")
 
 
 @functools.cache
@@ -48,23 +49,16 @@ def mujoco() -> Any:
 def _imported() -> Any:
     try:
         return importlib.import_module("mujoco")
-    except ModuleNotFoundError:
-        raise
-    except (ImportError, AttributeError, RuntimeError):
+    except (ImportError, AttributeError, RuntimeError) as error:
         # the OpenGL that MUJOCO_GL asks for is not there, and some versions import it at once
         wanted = os.environ.get("MUJOCO_GL")
-        if wanted in (None, _NO_OPENGL):
+        if isinstance(error, ModuleNotFoundError) or wanted in (None, _NO_OPENGL):
             raise
         os.environ["MUJOCO_GL"] = _NO_OPENGL
         try:
             return importlib.import_module("mujoco")
         finally:
             os.environ["MUJOCO_GL"] = wanted
-
-
-@functools.cache
-def _text() -> str:
-    return Path(__file__).with_name("arm.xml").read_text(encoding="utf-8")
 
 
 def scene(state: NDArray[np.float64], *, model: str = "capsules") -> ElementTree.Element:
@@ -74,11 +68,10 @@ def scene(state: NDArray[np.float64], *, model: str = "capsules") -> ElementTree
         state: see `task.columns`.
         model: "capsules", or "menagerie" for the looks of the real arm.
     """
-    root = ElementTree.fromstring(_text())
+    root = ElementTree.fromstring(_MJCF)
     if model == "menagerie":
         menagerie.dress(root, menagerie.find())
-    world = root.find("worldbody")
-    assert world is not None
+    (world,) = root.iter("worldbody")
     for number, (x, y, radius, height) in enumerate(pillars(state).tolist(), start=1):
         ElementTree.SubElement(
             world,

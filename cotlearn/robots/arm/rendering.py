@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cotlearn.robots.arm.model import mujoco
+from cotlearn.robots.task import Array
 
 Image = NDArray[np.uint8]
 
@@ -63,29 +64,20 @@ def _works(name: str) -> bool:
 
 
 class Painter:
-    """Makes pictures of worlds.
+    """Makes pictures of the arm; in the way of `backend`, which is noted in `how`.
 
     Args:
         model: an `MjModel` of the arm; that of other worlds may differ in its pillars only.
         width: of the pictures, pixels.
         height: of the pictures, pixels.
         camera: of the model, "front", "above" or "wrist".
-        how: as in `backend`, which decides if None.
 
     Raises:
         RuntimeError: the camera at the wrist, where there is no OpenGL: it is not drawn.
     """
 
-    def __init__(
-        self,
-        model: Any,
-        *,
-        width: int = 320,
-        height: int = 240,
-        camera: str = "front",
-        how: str | None = None,
-    ) -> None:
-        self.how = how or backend()
+    def __init__(self, model: Any, *, width: int, height: int, camera: str) -> None:
+        self.how = backend()
         self._model, self._size, self._camera = model, (width, height), camera
         self._context: Any = None
         if self.how != DRAWN:
@@ -101,6 +93,7 @@ class Painter:
             )
 
     def _open(self) -> None:
+        # not mujoco.Renderer, whose OpenGL is chosen when mujoco is imported
         engine, (width, height) = mujoco(), self._size
         self._context = importlib.import_module(f"mujoco.{self.how}").GLContext(width, height)
         self._context.make_current()
@@ -114,7 +107,7 @@ class Painter:
         self._view.type = engine.mjtCamera.mjCAMERA_FIXED
         self._view.fixedcamid = self._model.camera(self._camera).id
 
-    def paint(self, model: Any, data: Any, state: NDArray[np.float64]) -> Image:
+    def paint(self, model: Any, data: Any, state: Array) -> Image:
         """A picture (height, width, 3) of an `MjModel` with its `MjData`, in `state` (columns,)."""
         if self._context is None:
             return self._draw(positions(model, data), state)
@@ -128,7 +121,7 @@ class Painter:
         engine.mjr_readPixels(image, None, area, self._picture)
         return np.ascontiguousarray(image[::-1])
 
-    def _draw(self, points: NDArray[np.float64], state: NDArray[np.float64]) -> Image:
+    def _draw(self, points: Array, state: Array) -> Image:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -136,10 +129,9 @@ class Painter:
 
         width, height = self._size
         figure = Figure(figsize=(width / 100, height / 100), dpi=100)
-        canvas = FigureCanvasAgg(figure)
-        above = self._camera == "above"
-        ax = arm_space(figure)
-        draw_arm(ax, points, state, view=self._camera, zoom=0.85 if above else 1.05)
+        canvas, ax = FigureCanvasAgg(figure), arm_space(figure)
+        zoom = 0.85 if self._camera == "above" else 1.05
+        draw_arm(ax, points, state, view=self._camera, zoom=zoom)
         ax.set_axis_off()
         canvas.draw()
         return np.array(canvas.buffer_rgba())[..., :3].copy()
@@ -153,8 +145,8 @@ class Painter:
             self._context = None
 
 
-def positions(model: Any, data: Any) -> NDArray[np.float64]:
+def positions(model: Any, data: Any) -> Array:
     """(10, 3), where the base, the joints and the flange are, and the tip of the tool."""
-    names = [f"link{number}" for number in range(8)]
-    bodies = [data.xpos[model.body(name).id] for name in [*names, "tool"]]
+    names = [*(f"link{number}" for number in range(8)), "tool"]
+    bodies = [data.xpos[model.body(name).id] for name in names]
     return np.array([*bodies, data.site_xpos[model.site("tip").id]])

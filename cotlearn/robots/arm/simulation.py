@@ -1,4 +1,4 @@
-"""The arm among pillars: many worlds side by side, each with MuJoCo's physics of its own."""
+"""The arm among pillars: many simulations side by side, each with MuJoCo's physics of its own."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.robots.arm import task
-from cotlearn.robots.arm.kinematics import JOINTS, LOWER, SPEED, UPPER, solve
+from cotlearn.robots.arm.kinematics import LOWER, SPEED, UPPER, solve
 from cotlearn.robots.arm.model import compiled, mujoco, scene
-from cotlearn.robots.arm.ways import way_round
-from cotlearn.validation import check_choice
-
-Array = NDArray[np.float64]
+from cotlearn.robots.arm.modes import homotopy_class
+from cotlearn.robots.task import Array
 
 
 def random_start(generator: np.random.Generator, kind: str) -> Array:
@@ -25,7 +23,7 @@ def random_start(generator: np.random.Generator, kind: str) -> Array:
     near the arm and a goal far from it.
     """
     draw = generator.uniform
-    if check_choice(kind, "kind", task.KINDS) == "ring":
+    if kind == "ring":
         pillar = [draw(*span) for span in task.RING_PILLAR]
         angle = draw(-np.pi, np.pi)
         places = []
@@ -43,51 +41,23 @@ def random_start(generator: np.random.Generator, kind: str) -> Array:
     return np.array(places + posts)
 
 
-class ArmWorlds:
-    """The worlds that `env.reset(seed=...)` would start for these seeds.
+class ArmVectorSim:
+    """Several simulations of the arm that are stepped one after the other.
 
     An action is where the tip shall be at the end of the control step. Inverse kinematics turns it
     into joint angles, and the joints are led there evenly, no faster than a Panda's may turn.
 
     Args:
-        seeds: (n,).
+        states: (n, columns), where they start; see `task.columns`.
         kind: "ring" or "avoid".
+        model: "capsules", or "menagerie" for pictures of the real arm.
+
+    Raises:
+        ValueError: a start or goal cannot be: it is out of reach or in a pillar.
     """
 
-    def __init__(self, seeds: Sequence[int], kind: str = "ring") -> None:
-        starts = [random_start(np.random.default_rng(seed), kind) for seed in seeds]
-        self._begin(np.array(starts), kind)
-
-    @classmethod
-    def at(cls, states: ArrayLike, kind: str, *, model: str = "capsules") -> ArmWorlds:
-        """Worlds that begin in given states (n, columns).
-
-        Args:
-            states: (n, columns), see `task.columns`.
-            kind: "ring" or "avoid".
-            model: "capsules", or "menagerie" for pictures of the real arm.
-
-        Raises:
-            ValueError: the shape does not fit, or a start or goal cannot be: it is out of reach or
-                in a pillar.
-        """
-        worlds = cls.__new__(cls)
-        worlds._begin(np.asarray(states, dtype=np.float64), kind, model)
-        return worlds
-
-    def _begin(self, states: Array, kind: str, model: str = "capsules") -> None:
-        width = len(task.columns(kind))
-        if states.ndim != 2 or states.shape[1] != width or len(states) == 0:
-            raise ValueError(
-                f"states must have shape (n, {width}) with n > 0 for kind {kind!r}, got "
-                f"{states.shape}"
-            )
-        if not np.isfinite(states).all():
-            raise ValueError(f"states must be finite, got {states[~np.isfinite(states)].tolist()}")
-        _check_pillars(task.pillars(states))
-        self.kind = kind
-        self._states = states.copy()
-        self._engine = mujoco()
+    def __init__(self, states: Array, kind: str, *, model: str = "capsules") -> None:
+        self.kind, self._states, self._engine = kind, states.copy(), mujoco()
         self._models = [compiled(scene(state, model=model)) for state in states]
         self._data = [self._engine.MjData(model) for model in self._models]
         self._site = self._models[0].site("tip").id
@@ -98,30 +68,31 @@ class ArmWorlds:
         self._paths = np.repeat(self.states[:, None], task.MAX_STEPS + 1, axis=1)
         self._steps = np.zeros(n, dtype=np.int64)
         self._collision = np.zeros(n, dtype=bool)
-        self._unreachable = np.zeros(n, dtype=bool)
         self._missed = np.zeros(n, dtype=np.int64)
+        self.unreachable = np.zeros(n, dtype=bool)  #: whether the last target was out of reach
+
+    @classmethod
+    def from_seeds(cls, seeds: Sequence[int], kind: str = "ring") -> ArmVectorSim:
+        """The simulations that `env.reset(seed=...)` would start for these seeds."""
+        return cls(
+            np.array([random_start(np.random.default_rng(seed), kind) for seed in seeds]), kind
+        )
 
     def _place(self, name: str, targets: Array) -> None:
         """Puts the tools there, and complains where that cannot be."""
         found = solve(targets)
         self.joints = found.joints  #: (n, 7), where the joints are led
         for index, (data, joints) in enumerate(zip(self._data, found.joints, strict=True)):
+            what = f"the {name} {targets[index].round(4).tolist()} of states[{index}]"
             if not found.reached[index]:
                 raise ValueError(
-                    f"the {name} {targets[index].round(4).tolist()} of states[{index}] is out of "
-                    f"reach: the tip comes within {found.error[index]:.3f} m of it"
+                    f"{what} is out of reach: the tip comes within {found.error[index]:.3f} m of it"
                 )
             data.qpos[:] = joints
             data.ctrl[:] = joints
             self._engine.mj_forward(self._models[index], data)
             if data.ncon:
-                what = self._touched(index)
-                raise ValueError(
-                    f"the {name} {targets[index].round(4).tolist()} of states[{index}] is in {what}"
-                )
-
-    def __len__(self) -> int:
-        return len(self._data)
+                raise ValueError(f"{what} is in {self.touched()[index]}")
 
     @property
     def states(self) -> Array:
@@ -129,11 +100,6 @@ class ArmWorlds:
         for state, data in zip(self._states, self._data, strict=True):
             state[task.TIP] = data.site_xpos[self._site]
         return self._states.copy()
-
-    @property
-    def steps(self) -> NDArray[np.int64]:
-        """(n,), control steps done."""
-        return self._steps.copy()
 
     @property
     def finished(self) -> NDArray[np.bool_]:
@@ -144,11 +110,6 @@ class ArmWorlds:
     def done(self) -> NDArray[np.bool_]:
         """(n,), whether the episode is over: something has been touched, or the time is up."""
         return self._collision | (self._steps >= task.MAX_STEPS)
-
-    @property
-    def unreachable(self) -> NDArray[np.bool_]:
-        """(n,), whether the last target was out of reach: the arm went as near as it got."""
-        return self._unreachable.copy()
 
     @property
     def score(self) -> Array:
@@ -167,47 +128,34 @@ class ArmWorlds:
         After the last step of an episode the target is held for a moment, so that the arm settles.
 
         Args:
-            actions: (n, 3), where the tips shall be, metres. What is out of reach is approached,
-                and `unreachable` tells.
-            active: (n,); the other worlds stand still and their actions are not looked at. So do
-                worlds that are done.
-
-        Raises:
-            TypeError: the actions are not real numbers.
-            ValueError: they have another shape or are not finite.
+            actions: (n, 3), where the tips shall be, metres. The arm goes as near as it gets to
+                what is out of reach, and `unreachable` says so.
+            active: (n,); the others stand still, as do those that are done, and their actions are
+                not looked at.
         """
-        rows = self._running(active)
-        targets = _checked(actions, (len(self), 3))[rows]
-        if len(rows) == 0:
-            return
-        found = solve(_finite(targets), self.joints[rows])
-        self._unreachable[rows] = ~found.reached
-        self._missed[rows] += ~found.reached
-        self._lead(rows, found.joints)
+        rows = np.flatnonzero(~self.done if active is None else ~self.done & active)
+        found = solve(np.asarray(actions, dtype=np.float64)[rows], self.joints[rows])
+        self._lead(rows, found.joints, ~found.reached)
 
-    def step_joints(self, actions: ArrayLike, *, active: NDArray[np.bool_] | None = None) -> None:
+    def step_joints(self, actions: ArrayLike) -> None:
         """Like `step`, with joint angles (n, 7) as targets; they are cut to the joints' limits."""
-        rows = self._running(active)
-        targets = _checked(actions, (len(self), JOINTS))[rows]
-        if len(rows) == 0:
-            return
-        allowed = np.clip(_finite(targets), LOWER, UPPER)
-        self._unreachable[rows] = (allowed != targets).any(axis=1)
-        self._missed[rows] += self._unreachable[rows]
-        self._lead(rows, allowed)
+        rows = np.flatnonzero(~self.done)
+        targets = np.asarray(actions, dtype=np.float64)[rows]
+        allowed = np.clip(targets, LOWER, UPPER)
+        self._lead(rows, allowed, (allowed != targets).any(axis=1))
 
     def outcomes(self) -> dict[str, Array]:
-        """What each episode came to until now, name -> (n,).
+        """The results of each episode so far, name -> (n,).
 
         - "success": 1 if the episode is over, the tip within 2.5 cm of the goal, nothing touched;
         - "collision": 1 if something was touched;
         - "goal_error": metres from the tip to the goal now;
         - "unreachable": control steps whose target was out of reach;
-        - "mode": the number of the way round in `task.WAYS`, -1 without a success.
+        - "mode": the number in `task.MODES`, -1 without a success.
         """
         error = self._goal_error()
         success = self.done & ~self._collision & (error <= task.SUCCESS)
-        mode = np.where(success, way_round(self._paths, self.kind), -1)
+        mode = np.where(success, homotopy_class(self._paths, self.kind), -1)
         return {
             "success": success.astype(np.float64),
             "collision": self._collision.astype(np.float64),
@@ -217,29 +165,23 @@ class ArmWorlds:
         }
 
     def model_and_data(self, index: int) -> tuple[Any, Any]:
-        """The `MjModel` and the `MjData` of one world, for pictures."""
+        """The `MjModel` and the `MjData` of one simulation, for pictures."""
         return self._models[index], self._data[index]
 
     def touched(self) -> list[str]:
-        """(n,), what was touched, "" for nothing."""
-        return [self._touched(index) for index in range(len(self))]
+        """(n,), what is touched, "" for nothing."""
+        found = []
+        for model, data in zip(self._models, self._data, strict=True):
+            geoms = (data.contact[0].geom1, data.contact[0].geom2) if data.ncon else ()
+            names = [model.geom(geom).name for geom in geoms]
+            scenery = [name for name in names if name.startswith(("pillar", "table"))]
+            found.append(scenery[0] if scenery else "the arm itself" if names else "")
+        return found
 
-    def _touched(self, index: int) -> str:
-        model, data = self._models[index], self._data[index]
-        if not data.ncon:
-            return ""
-        names = [model.geom(data.contact[0].geom1).name, model.geom(data.contact[0].geom2).name]
-        scenery = [name for name in names if name.startswith(("pillar", "table"))]
-        return scenery[0] if scenery else "the arm itself"
-
-    def _running(self, active: NDArray[np.bool_] | None) -> NDArray[np.int64]:
-        running = ~self.done
-        if active is not None and np.shape(active) != running.shape:
-            raise ValueError(f"active has shape {np.shape(active)}, expected {running.shape}")
-        return np.flatnonzero(running if active is None else running & np.asarray(active, bool))
-
-    def _lead(self, rows: NDArray[np.int64], goals: Array) -> None:
-        """Leads the joints of some worlds to goals (rows, 7), evenly over the control step."""
+    def _lead(self, rows: NDArray[np.int64], goals: Array, missed: NDArray[np.bool_]) -> None:
+        """Leads the joints in some simulations to goals (rows, 7), evenly over the control step."""
+        self.unreachable[rows] = missed
+        self._missed[rows] += missed
         before = self.joints[rows]
         most = (np.abs(goals - before) / (SPEED * task.CONTROL_SECONDS)).max(axis=1)
         after = before + (goals - before) / np.maximum(most, 1.0)[:, None]
@@ -272,28 +214,3 @@ class ArmWorlds:
         states = self.states
         error: Array = np.linalg.norm(states[:, task.TIP] - states[:, task.GOAL], axis=1)
         return error
-
-
-def _checked(actions: ArrayLike, shape: tuple[int, int]) -> NDArray[Any]:
-    array = np.asarray(actions)
-    if array.dtype.kind not in "fiu":
-        raise TypeError(f"actions must be real numbers, got {array.dtype}")
-    if array.shape != shape:
-        raise ValueError(f"actions have shape {array.shape}, expected {shape}")
-    return array.astype(np.float64)
-
-
-def _finite(actions: Array) -> Array:
-    if not np.isfinite(actions).all():
-        raise ValueError(f"actions must be finite, got {actions.tolist()}")
-    return actions
-
-
-def _check_pillars(posts: Array) -> None:
-    radius, height = posts[..., 2], posts[..., 3]
-    bad = (radius <= 0) | (height <= radius)
-    if bad.any():
-        raise ValueError(
-            "a pillar needs a radius above 0 and a height above its radius, got x, y, radius, "
-            f"height {posts[bad][0].tolist()}"
-        )

@@ -10,21 +10,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cotlearn.validation import check_choice
-
 KINDS = ("ring", "avoid")
 ROWS = {"ring": (1,), "avoid": (2, 3)}  #: pillars in each row that the tip has to pass
 PILLARS = {kind: sum(rows) for kind, rows in ROWS.items()}
-WAYS = {
+#: Names of the modes, which are the paths' homotopy classes: left and right as one looks from
+#: start to goal, gaps in the order of y.
+MODES = {
     "ring": ("left", "right", "over"),
     "avoid": tuple(f"gap {first}, gap {second}" for first in range(3) for second in range(4)),
-}  #: the ways round, by number; left as one looks from start to goal, gaps in the order of y
+}
 
-TIP, GOAL = (
-    slice(0, 3),
-    slice(3, 6),
-)  #: columns of a state; then x, y, radius, height of each pillar
-FIRST_PILLAR = 6
+TIP, GOAL = slice(0, 3), slice(3, 6)  #: columns of a state
+FIRST_PILLAR = 6  #: from here on x, y, radius and height of each pillar
 
 MAX_STEPS = 40  #: control steps of an episode
 CONTROL_SECONDS = 0.1  #: between two actions
@@ -40,6 +37,7 @@ TOOL = 0.26  #: from the flange to the tip
 LOW = np.array([0.15, -0.45, 0.0])
 HIGH = np.array([0.85, 0.45, 0.6])
 
+UNIT = 2.0**-14  #: unit of stored places, metres; the expert's actions are multiples of it
 FAR = 2.0  #: no part of a state is farther from the base
 PICTURE = (960, 720)  #: largest width and height of a rendered picture, pixels
 
@@ -58,17 +56,11 @@ AVOID_PILLAR = ((0.02, 0.03), (0.12, 0.18))  #: radius, height
 def columns(kind: str) -> tuple[str, ...]:
     """The names of a state's columns."""
     names = ["tip x", "tip y", "tip z", "goal x", "goal y", "goal z"]
-    for number in range(1, PILLARS[check_choice(kind, "kind", KINDS)] + 1):
+    for number in range(1, PILLARS[kind] + 1):
         names += [f"pillar {number} {what}" for what in ("x", "y", "radius", "height")]
     return tuple(names)
 
 
 def pillars(states: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., pillars, 4): x, y, radius and height, from states (..., columns)."""
-    rest = np.asarray(states)[..., FIRST_PILLAR:] if np.ndim(states) else np.zeros(0)
-    if not rest.size or rest.shape[-1] % 4:
-        raise ValueError(
-            f"states must end in {FIRST_PILLAR} numbers and four for each pillar, got shape "
-            f"{np.shape(states)}"
-        )
-    return rest.reshape(*rest.shape[:-1], -1, 4)
+    return states[..., FIRST_PILLAR:].reshape(*states.shape[:-1], -1, 4)

@@ -27,11 +27,11 @@ class Episodes:
         name: where they come from.
         intention: as action, what the demonstrator meant before noise was added; None if unknown.
         seed: (E,), `env.reset(seed=...)` gives the start; None if unknown.
-        mode: (E,), which way of doing it the demonstrator took, 0, 1, ...; None if unknown.
+        mode: (E,), the mode that the demonstrator chose, 0, 1, ...; None if unknown.
         task: what was demonstrated.
 
     Raises:
-        TypeError: an array does not hold real numbers.
+        TypeError: an array does not hold real numbers, or `ends` no integers.
         ValueError: shapes, ends or values do not fit; says where.
     """
 
@@ -45,40 +45,16 @@ class Episodes:
     task: Task = PUSH_T
 
     def __post_init__(self) -> None:
-        columns = len(self.task.action)
-        rows = self._set("state", self.state, None, len(self.task.state))
-        self._set("action", self.action, rows, columns)
+        ends = self._set("ends", np.asarray(self.ends), "iu", None)
+        if len(ends) == 0 or (np.diff(ends, prepend=0) < 1).any():
+            raise ValueError(f"{self.name}: ends must rise, and begin above 0, got {ends}")
+        self._set_table("state", self.task.state_limits)
+        self._set_table("action", self.task.action_limits)
         if self.intention is not None:
-            self._set("intention", self.intention, rows, columns)
-        ends = np.asarray(self.ends)
-        if ends.dtype.kind not in "iu" or ends.ndim != 1:
-            raise TypeError(
-                f"{self.name}: ends must be a vector of integers, got {ends.dtype} of shape "
-                f"{ends.shape}"
-            )
-        if (
-            len(ends) == 0
-            or ends[-1] != rows
-            or (np.diff(ends.astype(np.int64), prepend=0) < 1).any()
-        ):
-            raise ValueError(
-                f"{self.name}: ends must rise to the number of rows {rows}, got "
-                f"{ends.tolist()[:5]}{' ...' if len(ends) > 5 else ''}"
-            )
-        object.__setattr__(self, "ends", ends.astype(np.int64))
+            self._set_table("intention", self.task.action_limits)
         for name in ("seed", "mode"):
-            value = getattr(self, name)
-            if value is None:
-                continue
-            if np.shape(value) != ends.shape:
-                raise ValueError(
-                    f"{self.name}: {name} has shape {np.shape(value)}, there are {len(ends)} "
-                    "episodes"
-                )
-            object.__setattr__(self, name, np.asarray(value, dtype=np.int64))
-        self._check_values("state", self.task.state_limits)
-        for name in ("action", "intention"):
-            self._check_values(name, self.task.action_limits)
+            if getattr(self, name) is not None:
+                self._set(name, np.asarray(getattr(self, name)), "iu", ends.shape)
 
     def __len__(self) -> int:
         return len(self.ends)
@@ -96,16 +72,9 @@ class Episodes:
     def select(self, index: ArrayLike | Sequence[int]) -> Episodes:
         """Some of the episodes, in the order of their numbers `index`."""
         chosen = np.asarray(index)
-        if chosen.ndim != 1 or len(chosen) == 0 or chosen.dtype.kind not in "iu":
-            raise ValueError(f"index must be a list of episode numbers, got {index!r}")
-        if chosen.min() < 0 or chosen.max() >= len(self):
-            raise ValueError(
-                f"index must lie between 0 and {len(self) - 1}, got {chosen.min()} to "
-                f"{chosen.max()}"
-            )
         lengths = self.lengths[chosen]
         ends = np.cumsum(lengths)
-        rows = np.repeat(self.starts[chosen] - (ends - lengths), lengths) + np.arange(ends[-1])
+        rows = np.repeat(self.starts[chosen] - (ends - lengths), lengths) + np.arange(lengths.sum())
         return replace(
             self,
             state=self.state[rows],
@@ -116,33 +85,33 @@ class Episodes:
             mode=None if self.mode is None else self.mode[chosen],
         )
 
-    def _set(self, name: str, value: Any, rows: int | None, columns: int) -> int:
-        array = np.asarray(value)
-        if array.dtype.kind not in "fiu":
-            raise TypeError(f"{self.name}: {name} must hold real numbers, got {array.dtype}")
-        if array.ndim != 2 or array.shape[1] != columns or len(array) == 0:
-            raise ValueError(
-                f"{self.name}: {name} must have shape (rows, {columns}), got {array.shape}"
-            )
-        if rows is not None and len(array) != rows:
-            raise ValueError(f"{self.name}: {name} has {len(array)} rows, state has {rows}")
-        object.__setattr__(self, name, array.astype(np.float64))
-        return len(array)
+    def _set(
+        self, name: str, array: NDArray[Any], kinds: str, shape: tuple[int, ...] | None
+    ) -> NDArray[Any]:
+        """Sets a field to `array` as float64 or int64, if its type and shape are right."""
+        wanted = "integers" if kinds == "iu" else "real numbers"
+        if array.dtype.kind not in kinds:
+            raise TypeError(f"{self.name}: {name} must hold {wanted}, got {array.dtype}")
+        if array.shape != shape and (shape is not None or array.ndim != 1):
+            expected = "(episodes,)" if shape is None else shape
+            raise ValueError(f"{self.name}: {name} has shape {array.shape}, expected {expected}")
+        array = array.astype(np.int64 if kinds == "iu" else np.float64)
+        object.__setattr__(self, name, array)
+        return array
 
-    def _check_values(self, name: str, limits: Array) -> None:
-        values = getattr(self, name)
-        if values is None:
-            return
+    def _set_table(self, name: str, limits: Array) -> None:
+        """Sets a field of one row a step, if its numbers are finite and within the limits."""
         low, high = limits
-        with np.errstate(invalid="ignore"):
-            good = np.isfinite(values) & (values >= low) & (values <= high)
-        if not good.all():
-            row = int(np.flatnonzero(~good.all(axis=1))[0])
+        array = np.asarray(getattr(self, name))
+        values = self._set(name, array, "fiu", (int(self.ends[-1]), len(low)))
+        bad = ~((values >= low) & (values <= high)).all(axis=1)  # NaN is neither
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
             episode = int(np.searchsorted(self.ends, row, side="right"))
             raise ValueError(
                 f"{self.name}: {name} must be finite and between {low} and {high}, got "
                 f"{values[row].tolist()} in row {row}, step {row - self.starts[episode]} of "
-                f"episode {episode}; {int((~good).any(axis=1).sum())} rows are like that"
+                f"episode {episode}; {int(bad.sum())} rows are like that"
             )
 
 
@@ -168,14 +137,14 @@ def split(
     if rest < 1:
         raise ValueError(f"held_out must be below the {len(episodes)} episodes, got {held_out}")
     if train is not None and check_count(train, "train") > rest:
-        raise ValueError(f"train must be at most the {rest} episodes that are left, got {train}")
+        raise ValueError(f"train must be at most the {rest} remaining episodes, got {train}")
     order = np.random.default_rng(seed).permutation(len(episodes))
     kept = order[held_out:][:train]
     return episodes.select(np.sort(kept)), episodes.select(np.sort(order[:held_out]))
 
 
 def need(module: str) -> ModuleType:
-    """Imports a package that only foreign formats need."""
+    """Imports a package that only other projects' formats need."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cotlearn.files import atomic_path, write_text
 from cotlearn.robots.episodes.checked import Episodes, need
 from cotlearn.robots.push_t.geometry import corners, coverage
 from cotlearn.robots.push_t.task import CONTROL_SECONDS, KEYPOINTS, SUCCESS
 from cotlearn.robots.task import Array
-from cotlearn.storage import atomic_path
 
 AGENT, BLOCK, ACTION = "observation.state", "observation.environment_state", "action"
+STATES = (AGENT, BLOCK)
 EPISODE, FRAME = "episode_index", "frame_index"
 TASK = "Push the T-shaped block onto the T-shaped target."
 RIGID = 2.0  #: pixels by which key points may miss a rigid T
@@ -27,9 +28,7 @@ _FIRST = "chunk-000/file-000.parquet"
 def read_lerobot(path: str | Path) -> Episodes:
     """Reads a LeRobot data set of Push-T with key points, such as lerobot/pusht_keypoints.
 
-    All layouts so far (one parquet file for all episodes, for each, or for some) are read: the
-    tables under data/ are put together and sorted by episode and frame. The pose of the T is found
-    from its key points; a data set of images alone has none.
+    The pose of the T is found from its key points; a data set of images alone has none.
 
     Args:
         path: the folder that holds data/ and meta/.
@@ -40,33 +39,36 @@ def read_lerobot(path: str | Path) -> Episodes:
     """
     path = Path(path)
     columns, ends = read_frames(path)
-    for name, width in ((AGENT, 2), (BLOCK, 2 * len(KEYPOINTS)), (ACTION, 2)):
+    for name, width in ((AGENT, 2), (BLOCK, 2 * len(KEYPOINTS))):
         if name not in columns:
-            raise ValueError(f"{path} has no column {name}; the pose of the T is needed")
+            raise ValueError(f"{path} has no column {name}; agent and pose of the T are needed")
         if columns[name].shape[1] != width:
-            raise ValueError(
-                f"{path}: {name} must have {width} numbers a frame, got {columns[name].shape[1:]}"
-            )
+            raise ValueError(f"{path}: {name} must have {width} numbers a frame")
     pose, miss = pose_of(columns[BLOCK].reshape(-1, len(KEYPOINTS), 2))
     if not (miss <= RIGID).all():
         row = int(np.flatnonzero(~(miss <= RIGID))[0])
-        episode = columns[EPISODE][row].item()
         raise ValueError(
-            f"{path}: the key points of frame {columns[FRAME][row]} of episode {episode} are no T "
-            f"of this size: they miss it by {miss[row]:.3g} pixels"
+            f"{path}: the key points of frame {columns[FRAME][row]} of episode "
+            f"{columns[EPISODE][row]} are no T of this size: they miss it by {miss[row]:.3g} pixels"
         )
     return Episodes(np.hstack([columns[AGENT], pose]), columns[ACTION], ends, name=path.name)
 
 
-def read_frames(path: Path) -> tuple[dict[str, Array], NDArray[np.int64]]:
+def read_frames(path: str | Path) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
     """Reads states and actions of any LeRobot data set.
 
+    All layouts so far (one parquet file for all episodes, for each, or for some) are read: the
+    tables under data/ are put together.
+
     Returns:
-        Columns of the frames, by episode and frame: action, episode_index, frame_index, and what
-        there is of observation.state and observation.environment_state. And (E,), where each
-        episode ends, exclusive.
+        Columns of the frames, by episode and frame: action (N, width), those of `STATES` that there
+        are, and the indices (N,). And (E,), where each episode ends, exclusive.
+
+    Raises:
+        ModuleNotFoundError: pyarrow is not installed.
+        ValueError: a file is damaged, or a column is missing or does not fit.
     """
-    files = sorted(path.glob("data/**/*.parquet"))
+    files = sorted(Path(path).glob("data/**/*.parquet"))
     if not files:
         raise ValueError(f"{path} holds no data/**/*.parquet: it is no LeRobot data set")
     parts = [_read_table(file) for file in files]
@@ -100,10 +102,8 @@ def pose_of(points: Array) -> tuple[Array, Array]:
     across = (here[:, 0] * there[..., 1] - here[:, 1] * there[..., 0]).sum(axis=1)
     angle = np.arctan2(across, along)
     cos, sin = np.cos(angle), np.sin(angle)
-    turned = np.stack(
-        [cos * own_middle[0] - sin * own_middle[1], sin * own_middle[0] + cos * own_middle[1]],
-        axis=1,
-    )
+    x, y = own_middle
+    turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
     pose = np.column_stack([middle - turned, angle])
     miss = np.linalg.norm(corners(pose, points=KEYPOINTS) - points, axis=2).max(axis=1)
     return pose, miss
@@ -128,28 +128,25 @@ def write_lerobot(path: str | Path, episodes: Episodes) -> Path:
         raise ValueError(f"path must be an empty folder, but {path} holds something")
     columns = _columns(episodes)
     _write_table(path / "data" / _FIRST, columns)
-    lengths = episodes.lengths
-    zeros = np.zeros(len(episodes), dtype=np.int64)
-    about: dict[str, Any] = {
+    metadata: dict[str, Any] = {
         "episode_index": np.arange(len(episodes)),
         "tasks": [[TASK]] * len(episodes),
-        "length": lengths,
+        "length": episodes.lengths,
         "dataset_from_index": episodes.starts,
         "dataset_to_index": episodes.ends,
-        "data/chunk_index": zeros,
-        "data/file_index": zeros,
-        "meta/episodes/chunk_index": zeros,
-        "meta/episodes/file_index": zeros,
     }
+    for place in ("data", "meta/episodes"):  # all is in the first file of the first chunk
+        for number in ("chunk_index", "file_index"):
+            metadata[f"{place}/{number}"] = np.zeros(len(episodes), dtype=np.int64)
     bounds = list(zip(episodes.starts, episodes.ends, strict=True))
     for name, values in columns.items():
         each = [_statistics(values[first:last]) for first, last in bounds]
-        about |= {f"stats/{name}/{key}": [stats[key] for stats in each] for key in each[0]}
-    _write_table(path / "meta" / "episodes" / _FIRST, about)
+        metadata |= {f"stats/{name}/{key}": [stats[key] for stats in each] for key in each[0]}
+    _write_table(path / "meta" / "episodes" / _FIRST, metadata)
     _write_table(path / "meta" / "tasks.parquet", {"task_index": [0], "task": [TASK]}, index="task")
     stats = {name: _statistics(values) for name, values in columns.items()}
-    _write_json(path / "meta" / "stats.json", stats)
-    _write_json(path / "meta" / "info.json", _info(episodes, columns))
+    for file, value in (("stats.json", stats), ("info.json", _info(episodes, columns))):
+        write_text(path / "meta" / file, json.dumps(value, indent=1) + "\n")
     return path
 
 
@@ -177,10 +174,6 @@ def _columns(episodes: Episodes) -> dict[str, NDArray[Any]]:
 
 
 def _info(episodes: Episodes, columns: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    def feature(values: NDArray[Any]) -> dict[str, Any]:
-        shape = list(values.shape[1:]) or [1]
-        return {"dtype": str(values.dtype), "shape": shape, "names": None}
-
     return {
         "codebase_version": "v3.0",
         "robot_type": "2d pointer",
@@ -194,7 +187,10 @@ def _info(episodes: Episodes, columns: dict[str, NDArray[Any]]) -> dict[str, Any
         "splits": {"train": f"0:{len(episodes)}"},
         "data_path": f"data/{_PATH}",
         "video_path": None,
-        "features": {name: feature(values) for name, values in columns.items()},
+        "features": {
+            name: {"dtype": str(v.dtype), "shape": list(v.shape[1:]) or [1], "names": None}
+            for name, v in columns.items()
+        },
     }
 
 
@@ -204,47 +200,38 @@ def _statistics(values: NDArray[Any]) -> dict[str, Any]:
     return {**each, "count": [len(numbers)]}
 
 
-def _read_table(file: Path) -> dict[str, Array]:
+def _read_table(file: Path) -> dict[str, NDArray[Any]]:
     pyarrow, parquet = need("pyarrow"), need("pyarrow.parquet")
     try:
         names = parquet.read_schema(file).names
-        states = [name for name in (AGENT, BLOCK) if name in names]
-        wanted = [*(states or [AGENT]), ACTION, EPISODE, FRAME]
-        missing = [name for name in wanted if name not in names]
-        if missing:
+        lists = [name for name in STATES if name in names] or [AGENT]
+        wanted = [*lists, ACTION, EPISODE, FRAME]
+        if missing := [name for name in wanted if name not in names]:
             raise ValueError(f"{file} has no column {', '.join(missing)}; it has {names}")
         table = parquet.read_table(file, columns=wanted)
     except (pyarrow.ArrowInvalid, OSError) as error:
         raise ValueError(f"{file} is damaged or not a parquet file: {error}") from error
     columns = {name: table[name].to_numpy() for name in (EPISODE, FRAME)}
-    for name in (*states, ACTION):
+    for name in (*lists, ACTION):
         try:
             values = np.array(table[name].to_pylist(), dtype=np.float64)
         except (TypeError, ValueError):
-            raise ValueError(f"{file}: {name} must have as many numbers in each frame") from None
+            words = "must have the same number of values in each frame"
+            raise ValueError(f"{file}: {name} {words}") from None
         columns[name] = values.reshape(len(values), -1)
     return columns
 
 
 def _write_table(file: Path, columns: dict[str, Any], index: str | None = None) -> None:
     pyarrow, parquet = need("pyarrow"), need("pyarrow.parquet")
-    table = pyarrow.table({name: _listed(values) for name, values in columns.items()})
+    stored = dict(columns)
+    for name, values in columns.items():
+        if isinstance(values, np.ndarray) and values.ndim == 2:  # lists, in the type of the matrix
+            flat = pyarrow.array(values.reshape(-1))
+            stored[name] = pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+    table = pyarrow.table(stored)
     if index is not None:  # what pandas needs to know to make that column its index
         pandas = {"index_columns": [index], "column_indexes": [], "columns": []}
         table = table.replace_schema_metadata({"pandas": json.dumps(pandas)})
     with atomic_path(file) as temporary:
         parquet.write_table(table, temporary)
-
-
-def _listed(values: Any) -> Any:
-    """Matrices as lists of rows, in their own type."""
-    if isinstance(values, np.ndarray) and values.ndim == 2:
-        pyarrow = need("pyarrow")
-        flat = pyarrow.array(values.reshape(-1))
-        return pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
-    return values
-
-
-def _write_json(file: Path, value: Any) -> None:
-    with atomic_path(file) as temporary:
-        temporary.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Demonstrations of Push-T as pictures, for who wants to train something else on them.
+"""Demonstrations of Push-T as pictures, for those who want to train something else on them.
 
 Nothing of this course reads such files: its trainings draw the pictures that they look at.
 """
@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from cotlearn.files import atomic_path
 from cotlearn.robots.episodes.checked import Episodes
 from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.robots.push_t.rasteriser import rasterise
-from cotlearn.storage import atomic_path
 
 
 def write_pictures(path: str | Path, episodes: Episodes, *, size: int = 96) -> None:

@@ -1,4 +1,4 @@
-"""Diffusion Policy's replay buffer of Push-T: a zarr group with data/ and meta/episode_ends."""
+"""Diffusion Policy's replay buffers: a zarr group with data/ and meta/episode_ends."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def read_replay_buffer(path: str | Path) -> Episodes:
     """Reads `pusht_cchi_v7_replay.zarr` and files like it (2303.04137).
 
     They hold data/state (N, 5) with agent x and y, block x, y and angle, data/action (N, 2), and
-    meta/episode_ends (E,); images and key points are left alone.
+    meta/episode_ends (E,); images and key points are not read.
 
     Args:
         path: the folder, or a zip of it.
@@ -25,16 +25,15 @@ def read_replay_buffer(path: str | Path) -> Episodes:
         ModuleNotFoundError: zarr is not installed.
         ValueError: the file is damaged, or something is missing.
     """
-    path = Path(path)
-    return Episodes(*read_buffer(path), name=path.name)
+    return Episodes(*read_buffer(path), name=Path(path).name)
 
 
-def read_buffer(path: Path, states: Sequence[str] = ("data/state",)) -> tuple[Any, Any, Any]:
+def read_buffer(path: str | Path, states: Sequence[str] = ("data/state",)) -> tuple[Any, Any, Any]:
     """States, actions and ends of any replay buffer; the states under the first name found."""
-    zarr = need("zarr")
+    path, zarr = Path(path), need("zarr")
     if path.is_file() and not zipfile.is_zipfile(path):
         raise ValueError(f"{path} is damaged: it is neither a folder nor a whole zip file")
-    storage = zarr.storage.ZipStore if path.is_file() else zarr.storage.LocalStore
+    storage = zarr.storage.LocalStore if path.is_dir() else zarr.storage.ZipStore
     try:
         with storage(path, read_only=True) as store:
             group = zarr.open_group(store, mode="r")
@@ -45,7 +44,5 @@ def read_buffer(path: Path, states: Sequence[str] = ("data/state",)) -> tuple[An
                 raise ValueError(f"{path} has no {', no '.join(missing)}: it is no replay buffer")
             first, second, third = (np.asarray(group[name][:]) for name in names)
             return first, second, third
-    except FileNotFoundError as error:
-        raise ValueError(f"{path} is not a zarr group: {error}") from error
     except (OSError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path} is damaged: {type(error).__name__}: {error}") from error
+        raise ValueError(f"{path} is damaged or not a zarr group: {error}") from error

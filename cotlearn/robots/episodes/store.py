@@ -6,8 +6,8 @@ from pathlib import Path
 
 from cotlearn.robots.episodes.checked import Episodes
 from cotlearn.robots.episodes.lerobot import read_lerobot
+from cotlearn.robots.episodes.npz import read_npz
 from cotlearn.robots.episodes.replay import read_replay_buffer
-from cotlearn.robots.registry import find_task
 
 
 def read(path: str | Path) -> Episodes:
@@ -19,34 +19,18 @@ def read(path: str | Path) -> Episodes:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: the file is damaged, or of no layout that is known.
+        ValueError: the file is damaged, or its layout is unknown.
     """
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"no such file: {path}")
     if path.suffix == ".npz":
-        return _read_own(path)
+        return read_npz(path)
     if ".zarr" in path.suffixes or (path / ".zgroup").is_file() or (path / "zarr.json").is_file():
         return read_replay_buffer(path)
     if (path / "meta" / "info.json").is_file() or any(path.glob("data/**/*.parquet")):
         return read_lerobot(path)
     raise ValueError(
-        f"{path} is of no known layout: expected an .npz of this course, a .zarr of Diffusion "
+        f"the layout of {path} is unknown: expected an .npz of this course, a .zarr of Diffusion "
         "Policy, or the folder of a LeRobot data set"
-    )
-
-
-def _read_own(path: Path) -> Episodes:
-    from cotlearn.robots.experts.record import load
-
-    stored = load(path)
-    return Episodes(
-        state=stored.state,
-        action=stored.action,
-        ends=stored.episode_ends,
-        name=path.name,
-        intention=stored.intention,
-        seed=stored.seed.astype("int64"),
-        mode=None if stored.mode is None else stored.mode.astype("int64"),
-        task=find_task(stored.about["task"].lower()),
     )

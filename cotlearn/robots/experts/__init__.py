@@ -1,1 +1,1 @@
-"""Planned demonstrators, one file a task."""
+"""Planned demonstrators, one folder a task, and how they are recorded."""

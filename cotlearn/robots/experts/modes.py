@@ -1,9 +1,8 @@
-"""In how many ways the demonstrator goes about the same starts."""
+"""How many modes the demonstrator shows from the same starts."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ _CHOICES = 3_000_000_000  #: seeds of the expert's choices from here on
 
 def demonstrated_modes(
     task: Task,
-    expert: Any,
     seeds: Sequence[int],
     *,
     draws: int,
@@ -26,14 +24,12 @@ def demonstrated_modes(
 
     Args:
         task: what is demonstrated.
-        expert: has `episode(seed, state=start)`.
         seeds: of the starts.
         draws: demonstrations from each.
         progress: show a bar; None: in terminals and notebooks.
     """
-    repeated = np.repeat(np.asarray(seeds), draws).tolist()
-    worlds = task.worlds(repeated)
-    starts = worlds.states
+    expert, sim = task.expert(), task.vector_sim(np.repeat(np.asarray(seeds), draws).tolist())
+    starts = sim.states
     actions = np.zeros((task.mode_steps, len(starts), len(task.action)))
     lengths = np.zeros(len(starts), dtype=np.int64)
     with progress_bar(total=len(starts), what="demonstrations", show=progress) as bar:
@@ -42,7 +38,5 @@ def demonstrated_modes(
             actions[: len(done), row], lengths[row] = done, len(done)
             bar.update()
     for now in range(task.mode_steps):
-        active = (now < lengths) & ~worlds.finished
-        if active.any():
-            worlds.step(actions[now], active=active)
-    return worlds.outcomes()["mode"].astype(np.int64).reshape(-1, draws)
+        sim.step(actions[now], active=(now < lengths) & ~sim.finished)
+    return sim.outcomes()["mode"].astype(np.int64).reshape(-1, draws)

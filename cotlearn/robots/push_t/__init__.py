@@ -1,12 +1,13 @@
 """Push-T: push a T-shaped block onto its outline with a round finger.
 
 The task is that of Implicit Behavioral Cloning and Diffusion Policy, in the form that gym-pusht
-0.1.8 gave it; written anew on pymunk 7.
+0.1.8 gave it; written anew on pymunk 7, which is imported when the first world is made.
 """
 
+from cotlearn.renamed import renamed
 from cotlearn.robots.push_t.environment import PushT
 from cotlearn.robots.push_t.geometry import corners, coverage
-from cotlearn.robots.push_t.simulation import Simulation, Simulations, random_state
+from cotlearn.robots.push_t.simulation import PushTVectorSim, Simulation, random_state
 from cotlearn.robots.push_t.task import AGENT_RADIUS, GOAL, MAX_STEPS, SIZE, SUCCESS
 
 __all__ = [
@@ -16,9 +17,11 @@ __all__ = [
     "SIZE",
     "SUCCESS",
     "PushT",
+    "PushTVectorSim",
     "Simulation",
-    "Simulations",
     "corners",
     "coverage",
     "random_state",
 ]
+
+__getattr__ = renamed(__name__, {"Simulations": "PushTVectorSim"})

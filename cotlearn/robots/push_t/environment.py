@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from typing import Any
 
@@ -13,12 +14,22 @@ from numpy.typing import NDArray
 from cotlearn.robots.push_t import task
 from cotlearn.robots.push_t.geometry import corners
 from cotlearn.robots.push_t.rendering import draw
-from cotlearn.robots.push_t.simulation import Simulation, checked, random_state
+from cotlearn.robots.push_t.simulation import Simulation, random_state
+from cotlearn.robots.task import check_actions
 from cotlearn.validation import check_choice
 
-OBSERVATIONS = ("state", "keypoints", "pixels", "pixels_agent_pos")
 PIXELS = 96  #: width and height of an observed picture
 FRAME = 512  #: width and height of a rendered picture
+
+_AGENT = spaces.Box(0.0, task.SIZE, shape=(2,), dtype=np.float64)
+_POINTS = spaces.Box(0.0, task.SIZE, shape=(16,), dtype=np.float64)
+_PICTURE = spaces.Box(0, 255, shape=(PIXELS, PIXELS, 3), dtype=np.uint8)
+OBSERVATIONS: dict[str, spaces.Space[Any]] = {
+    "state": spaces.Box(np.zeros(5), np.array([task.SIZE] * 4 + [2 * math.pi]), dtype=np.float64),
+    "keypoints": spaces.Dict({"environment_state": _POINTS, "agent_pos": _AGENT}),
+    "pixels": _PICTURE,
+    "pixels_agent_pos": spaces.Dict({"pixels": _PICTURE, "agent_pos": _AGENT}),
+}
 
 Observation = NDArray[Any] | dict[str, NDArray[Any]]
 
@@ -51,11 +62,11 @@ class PushT(gymnasium.Env[Any, Any]):
     metadata = {"render_modes": ["rgb_array"], "render_fps": round(1 / task.CONTROL_SECONDS)}  # noqa: RUF012
 
     def __init__(self, obs_type: str = "state", render_mode: str | None = None) -> None:
-        self.obs_type = check_choice(obs_type, "obs_type", OBSERVATIONS)
+        self.obs_type = check_choice(obs_type, "obs_type", tuple(OBSERVATIONS))
         if render_mode is not None:
             check_choice(render_mode, "render_mode", ("rgb_array",))
         self.render_mode = render_mode
-        self.observation_space = _observation_space(obs_type)
+        self.observation_space = copy.deepcopy(OBSERVATIONS[obs_type])  # each is seeded by itself
         self.action_space = spaces.Box(0.0, task.SIZE, shape=(2,), dtype=np.float32)
         self._world: Simulation | None = None
         self._action: tuple[float, float] | None = None
@@ -84,11 +95,8 @@ class PushT(gymnasium.Env[Any, Any]):
             TypeError: `action` is not made of real numbers.
             ValueError: it has not shape (2,), is not finite or lies outside the world.
         """
-        world = self._running()
-        target = np.asarray(action)
-        if target.shape != (2,):
-            raise ValueError(f"action must have shape (2,), got {target.shape}")
-        x, y = checked(target).tolist()
+        world, limits = self._running(), ((0.0, 0.0), (task.SIZE, task.SIZE))
+        x, y = check_actions(action, limits, "action", shape=(2,)).tolist()
         world.step(x, y)
         self._action = (x, y)
         info = self._info()
@@ -107,7 +115,11 @@ class PushT(gymnasium.Env[Any, Any]):
         if set(options) != {"state"}:
             raise ValueError(f"options must be {{'state': ...}} or None, got {options!r}")
         state = np.asarray(options["state"], dtype=np.float64)
-        if state.shape == (5,) and not ((state[:4] >= 0) & (state[:4] <= task.SIZE)).all():
+        if state.shape != (5,) or not np.isfinite(state).all():
+            raise ValueError(
+                f"state must be 5 finite numbers (agent x, y, T x, y, angle), got {state.tolist()}"
+            )
+        if not ((state[:4] >= 0) & (state[:4] <= task.SIZE)).all():
             raise ValueError(f"state must lie in the world, [0, 512]², got {state.tolist()}")
         return state
 
@@ -120,32 +132,13 @@ class PushT(gymnasium.Env[Any, Any]):
         agent_x, agent_y, x, y, angle = state = self._running().state
         if self.obs_type == "state":
             return np.array([agent_x, agent_y, x, y, angle % (2 * math.pi)])
+        agent = np.array([agent_x, agent_y])
         if self.obs_type == "keypoints":
             points = corners(state[2:], task.KEYPOINTS)
-            return {"environment_state": points.ravel(), "agent_pos": np.array([agent_x, agent_y])}
+            return {"environment_state": points.ravel(), "agent_pos": agent}
         picture = draw(state, size=PIXELS)
-        if self.obs_type == "pixels":
-            return picture
-        return {"pixels": picture, "agent_pos": np.array([agent_x, agent_y])}
+        return picture if self.obs_type == "pixels" else {"pixels": picture, "agent_pos": agent}
 
     def _info(self) -> dict[str, Any]:
         coverage = self._running().coverage
         return {"coverage": coverage, "is_success": coverage > task.SUCCESS}
-
-
-def _observation_space(obs_type: str) -> spaces.Space[Any]:
-    if obs_type == "state":
-        high = np.array([task.SIZE] * 4 + [2 * math.pi])
-        return spaces.Box(np.zeros(5), high, dtype=np.float64)
-    if obs_type == "keypoints":
-        return spaces.Dict(
-            {
-                "environment_state": spaces.Box(0.0, task.SIZE, shape=(16,), dtype=np.float64),
-                "agent_pos": spaces.Box(0.0, task.SIZE, shape=(2,), dtype=np.float64),
-            }
-        )
-    picture = spaces.Box(0, 255, shape=(PIXELS, PIXELS, 3), dtype=np.uint8)
-    if obs_type == "pixels":
-        return picture
-    place = spaces.Box(0.0, task.SIZE, shape=(2,), dtype=np.float64)
-    return spaces.Dict({"pixels": picture, "agent_pos": place})

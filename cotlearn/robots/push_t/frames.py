@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cotlearn.robots.push_t.task import GOAL
-from cotlearn.robots.task import Array
+from cotlearn.robots.task import Array, IdentityFrame
 
 
 class BodyFrame:
@@ -23,47 +23,40 @@ class BodyFrame:
         goal = _turn(np.array(GOAL[:2]) - place, -angle)
         return _features(_turn(agent - place, -angle), goal, GOAL[2] - angle)
 
-    def into(self, actions: Array, history: Array) -> Array:
+    def to_frame(self, actions: Array, history: Array) -> Array:
         """Actions (B, n, 2) seen from the T of the last state."""
         pose = history[:, -1:, 2:]
         return _turn(actions - pose[..., :2], -pose[..., 2])
 
-    def out(self, actions: Array, history: Array) -> Array:
-        """The inverse of `into`."""
+    def from_frame(self, actions: Array, history: Array) -> Array:
+        """The inverse of `to_frame`."""
         pose = history[:, -1:, 2:]
         return _turn(actions, pose[..., 2]) + pose[..., :2]
 
 
-class WorldFrame:
-    """A state becomes the agent's place, the T's place, and the cosine and sine of its angle."""
+class WorldFrame(IdentityFrame):
+    """Actions as they are; of a state, the cosine and sine of the T's angle for the angle."""
 
-    features = 6
+    def __init__(self) -> None:
+        super().__init__(features=6)
 
     def observe(self, history: Array) -> Array:
         """(B, T, 6) from states (B, T, 5)."""
         return _features(history[..., :2], history[..., 2:4], history[..., 4])
 
-    def into(self, actions: Array, history: Array) -> Array:
-        """The actions, as they are."""
-        return actions
-
-    def out(self, actions: Array, history: Array) -> Array:
-        """The actions, as they are."""
-        return actions
-
 
 class AgentFrame(WorldFrame):
-    """States as they are, actions as seen from the agent.
+    """States as in the world, actions as seen from the agent.
 
     A policy with a camera can have this frame: it knows where its hand is, and not where the T is.
     """
 
-    def into(self, actions: Array, history: Array) -> Array:
+    def to_frame(self, actions: Array, history: Array) -> Array:
         """Actions (B, n, 2) less the place of the agent in the last state."""
         return actions - history[:, -1:, :2]
 
-    def out(self, actions: Array, history: Array) -> Array:
-        """The inverse of `into`."""
+    def from_frame(self, actions: Array, history: Array) -> Array:
+        """The inverse of `to_frame`."""
         return actions + history[:, -1:, :2]
 
 

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.robots.push_t.task import AREA, GOAL, OUTLINE, RECTANGLES
-
-Array = NDArray[np.float64]
+from cotlearn.robots.task import Array
 
 _OUTLINE = np.array(OUTLINE)
 _COS_GOAL, _SIN_GOAL = math.cos(GOAL[2]), math.sin(GOAL[2])
@@ -38,16 +37,9 @@ def corners(pose: ArrayLike, points: ArrayLike = OUTLINE) -> Array:
         points: (m, 2), in the frame of the T; by default the corners of its outline.
 
     Returns:
-        (..., m, 2); NaN for a pose that is not finite.
-
-    Raises:
-        ValueError: a shape does not fit.
+        (..., m, 2).
     """
     pose, points = np.asarray(pose, dtype=np.float64), np.asarray(points, dtype=np.float64)
-    if pose.ndim == 0 or pose.shape[-1] != 3 or points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(
-            f"pose must have shape (..., 3) and points (m, 2), got {pose.shape} and {points.shape}"
-        )
     cos, sin = np.cos(pose[..., 2, None]), np.sin(pose[..., 2, None])
     x = cos * points[:, 0] - sin * points[:, 1] + pose[..., 0, None]
     y = sin * points[:, 0] + cos * points[:, 1] + pose[..., 1, None]
@@ -61,39 +53,30 @@ def coverage(pose: ArrayLike) -> Array:
         pose: (..., 3), x, y and angle of the T in the world.
 
     Returns:
-        (...), in [0, 1]; NaN for a pose that is not finite.
-
-    Raises:
-        ValueError: `pose` does not end in three numbers.
+        (...), in [0, 1].
     """
     pose = np.asarray(pose, dtype=np.float64)
-    if pose.ndim == 0 or pose.shape[-1] != 3:
-        raise ValueError(f"pose must have shape (..., 3): x, y, angle; got {pose.shape}")
-    points = corners(_in_goal_frame(pose))
+    dx, dy = pose[..., 0] - GOAL[0], pose[..., 1] - GOAL[1]
+    x, y = _COS_GOAL * dx + _SIN_GOAL * dy, _COS_GOAL * dy - _SIN_GOAL * dx
+    points = corners(np.stack([x, y, pose[..., 2] - GOAL[2]], axis=-1))
     x, y = points[..., 0], points[..., 1]
     area = sum(_area_inside(x, y, rectangle) for rectangle in RECTANGLES)
     return np.clip(area / AREA, 0.0, 1.0)
 
 
 def nearest_side(agent: ArrayLike, pose: ArrayLike) -> NDArray[np.int64]:
-    """The side of the T that is nearest to the agent, (n,), 0 to 7 round the outline.
+    """The side of the T that is nearest to the agent, (n,), 0 to 7 around the outline.
 
     Args:
         agent: (n, 2), places in the world.
         pose: (n, 3), x, y and angle of the T.
     """
-    point = np.asarray(agent, dtype=np.float64)[:, None]
+    point = np.asarray(agent)[:, None]
     first = corners(pose)
     along = np.roll(first, -1, axis=1) - first
     share = ((point - first) * along).sum(axis=-1) / (along**2).sum(axis=-1)
     nearest = first + share.clip(0, 1)[..., None] * along
     return np.asarray(((point - nearest) ** 2).sum(axis=-1).argmin(axis=1), dtype=np.int64)
-
-
-def _in_goal_frame(pose: Array) -> Array:
-    dx, dy = pose[..., 0] - GOAL[0], pose[..., 1] - GOAL[1]
-    x, y = _COS_GOAL * dx + _SIN_GOAL * dy, _COS_GOAL * dy - _SIN_GOAL * dx
-    return np.stack([x, y, pose[..., 2] - GOAL[2]], axis=-1)
 
 
 def _area_inside(x: Array, y: Array, rectangle: tuple[float, float, float, float]) -> Array:

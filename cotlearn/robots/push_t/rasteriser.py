@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from cotlearn.robots.push_t import task
-from cotlearn.validation import check_count
 
 Colour = tuple[int, int, int]
 
@@ -25,9 +24,8 @@ OUTLINE, BLOCK = (144, 238, 144), (119, 136, 153)  #: goal and T
 AGENT = (65, 105, 225)
 #: The T's rectangles, x1 and y0, y1; both are symmetric in x, and overlap to hide the seam.
 _RECTANGLES = ((task.BAR[1], *task.BAR[2:]), (task.STEM[1], 0.0, task.STEM[3]))
-_AT_ONCE = (
-    2**18
-)  #: pixels that are painted together: what stays in a core's cache is painted faster
+#: Pixels that are painted together: what stays in a core's cache is painted faster.
+_AT_ONCE = 2**18
 
 
 def rasterise(states: ArrayLike | Tensor, *, size: int = 96) -> Tensor:
@@ -39,21 +37,11 @@ def rasterise(states: ArrayLike | Tensor, *, size: int = 96) -> Tensor:
 
     Returns:
         (n, size, size, 3) uint8, on the device of the states.
-
-    Raises:
-        ValueError: the states have another shape or are not finite, or size is below 1.
     """
-    values = torch.as_tensor(states if isinstance(states, Tensor) else np.asarray(states))
-    if values.ndim != 2 or values.shape[1] != 5:
-        raise ValueError(
-            f"states must have shape (n, 5): agent x, y, T x, y, angle; got {tuple(values.shape)}"
-        )
-    if not torch.isfinite(values).all():
-        raise ValueError("states must be finite, got NaN or infinite values")
-    size = check_count(size, "size")
+    values = torch.as_tensor(states if isinstance(states, Tensor) else np.asarray(states)).float()
     image = torch.empty(len(values), 3, size, size, dtype=torch.uint8, device=values.device)
     rows = max(1, _AT_ONCE // size**2)
-    for part, some in zip(image.split(rows), values.float().split(rows), strict=True):
+    for part, some in zip(image.split(rows), values.split(rows), strict=True):
         part.copy_(_painted(some, size))
     return image.permute(0, 2, 3, 1)
 
@@ -68,18 +56,16 @@ def paint(image: Tensor, distance: Tensor, colour: Colour, *, pixel: float) -> T
         pixel: the width of a pixel.
     """
     share = distance.mul(-1 / pixel).add_(0.5).clamp_(0, 1)[..., None, :, :]
-    return torch.lerp(
-        image, torch.tensor(colour, dtype=image.dtype, device=image.device)[:, None, None], share
-    )
+    tone = torch.tensor(colour, dtype=image.dtype, device=image.device)[:, None, None]
+    return torch.lerp(image, tone, share)
 
 
 def _painted(states: Tensor, size: int) -> Tensor:
     """(n, 3, size, size), whole numbers as float32."""
     x, y = (centres.to(states.device) for centres in grid(size))
     pixel = task.SIZE / size
-    image = paint(
-        _background(size).to(states.device), _to_tee(x, y, states[:, 2:]), BLOCK, pixel=pixel
-    )
+    image = _background(size).to(states.device)
+    image = paint(image, _to_tee(x, y, states[:, 2:]), BLOCK, pixel=pixel)
     from_x, from_y = x - states[:, 0, None, None], y - states[:, 1, None, None]
     to_agent = torch.hypot(from_x, from_y) - task.AGENT_RADIUS
     return paint(image, to_agent, AGENT, pixel=pixel).round_()

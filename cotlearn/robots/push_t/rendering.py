@@ -30,14 +30,8 @@ def draw(
 
     Returns:
         (size, size, 3).
-
-    Raises:
-        ValueError: the state has another shape or is not finite.
     """
-    place = np.asarray(state, dtype=np.float64)
-    if place.shape != (5,) or not np.isfinite(place).all():
-        raise ValueError(f"state must be five finite numbers, got {place.tolist()}")
-    picture = rasterise(place[None], size=size)[0]
+    picture = rasterise(np.array([state], dtype=np.float64), size=size)[0]
     if action is not None:
         x, y = grid(size)
         right, down = (x - action[0]).abs(), (y - action[1]).abs()

@@ -2,22 +2,25 @@
 
 The agent is kinematic: a controller pulls it to the action, and nothing stops it. The T forgets
 its velocity in every step (`damping` 0), so that it moves only while it is pushed. There is no
-friction.
+friction. Nothing is checked here; the environment and `rollout` have done it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.robots.push_t import task
-from cotlearn.robots.push_t.geometry import coverage_of_one
+from cotlearn.robots.push_t.geometry import coverage_of_one, nearest_side
+from cotlearn.robots.task import Array
 
-Array = NDArray[np.float64]
 State = tuple[float, float, float, float, float]
+
+MOVED = 1e-6  #: pixels by which a T that is pushed moves at least
 
 
 def random_state(generator: np.random.Generator) -> State:
@@ -39,46 +42,21 @@ def random_state(generator: np.random.Generator) -> State:
 class Simulation:
     """One Push-T world.
 
+    One physics step with a resting agent is done at once, as in gym-pusht: if the T overlaps the
+    agent or a wall, it begins to be pushed out.
+
     Args:
         state: (5,), agent x and y, T x, y and angle.
     """
 
     def __init__(self, state: ArrayLike) -> None:
-        self.reset(state)
-
-    def reset(self, state: ArrayLike) -> None:
-        """Starts a new world at `state`.
-
-        One physics step with a resting agent follows, as in gym-pusht: if the T overlaps the agent
-        or a wall, it begins to be pushed out.
-
-        Raises:
-            ValueError: `state` is not five finite numbers.
-        """
-        values = np.asarray(state, dtype=np.float64)
-        if values.shape != (5,) or not np.isfinite(values).all():
-            raise ValueError(
-                f"state must be 5 finite numbers (agent x, y, T x, y, angle), got {state!r}"
-            )
-        agent_x, agent_y, x, y, angle = values.tolist()
-        import pymunk  # late: who wants the numbers of the task needs no physics
-
-        self._space = pymunk.Space()
-        self._space.damping = 0.0
-        self._space.add(*_walls(self._space.static_body))
-        self._agent = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-        self._agent.position = agent_x, agent_y
-        self._space.add(self._agent, pymunk.Circle(self._agent, task.AGENT_RADIUS))
-        self._block, shapes = _tee()
-        self._space.add(self._block, *shapes)
-        self._block.angle = angle  # first: turning is about the centre of gravity
-        self._block.position = x, y
+        self._space, self._agent, self._block = _world(*np.asarray(state, np.float64).tolist())
         self._velocity = (0.0, 0.0)
-        self._covered: tuple[float, float, float, float] | None = None
+        self._covered: tuple[float, ...] = ()
         self._space.step(task.PHYSICS_SECONDS)
 
     def step(self, x: float, y: float) -> None:
-        """Lets the agent follow the target (x, y) for one control step. Nothing is checked."""
+        """Lets the agent follow the target (x, y) for one control step."""
         space_step, agent = self._space.step, self._agent
         seconds, stiffness, damping = task.PHYSICS_SECONDS, task.STIFFNESS, task.DAMPING
         agent_x, agent_y = agent.position
@@ -99,108 +77,96 @@ class Simulation:
         return agent.x, agent.y, block.x, block.y, self._block.angle
 
     @property
-    def velocity(self) -> tuple[float, float]:
-        """Velocity of the agent, pixels a second."""
-        return self._velocity
-
-    @property
     def coverage(self) -> float:
         """The share of the goal that the T covers now."""
         block = self._block.position
         pose = block.x, block.y, self._block.angle
-        if self._covered is None or self._covered[:3] != pose:  # a T at rest is not measured again
+        if self._covered[:3] != pose:  # a T at rest is not measured again
             self._covered = (*pose, coverage_of_one(*pose))
         return self._covered[3]
 
 
-class Simulations:
-    """Several Push-T worlds that are stepped one after the other.
+class PushTVectorSim:
+    """Several Push-T simulations that are stepped one after the other.
 
     Args:
-        states: (n, 5).
+        states: (n, 5), where they start.
     """
 
     def __init__(self, states: ArrayLike) -> None:
-        states = np.asarray(states, dtype=np.float64)
-        if states.ndim != 2 or states.shape[1] != 5 or len(states) == 0:
-            raise ValueError(f"states must have shape (n, 5) with n > 0, got {states.shape}")
-        self.worlds = [Simulation(state) for state in states]
+        self._sims = [Simulation(state) for state in np.asarray(states)]
+        self._best = self.coverage
+        self._mode = np.full(len(self._sims), -1.0)
+
+    @classmethod
+    def from_seeds(cls, seeds: Sequence[int]) -> PushTVectorSim:
+        """The simulations that `env.reset(seed=...)` would start for these seeds."""
+        return cls([random_state(np.random.default_rng(seed)) for seed in seeds])
 
     def step(self, actions: ArrayLike, *, active: NDArray[np.bool_] | None = None) -> None:
-        """Steps all worlds, or those that are `active`.
+        """Steps all simulations, or those that are `active`.
 
         Args:
-            actions: (n, 2), targets of the agents; must be within [0, 512].
-            active: (n,); the other worlds stand still and their actions are not looked at.
-
-        Raises:
-            TypeError: the actions are not real numbers.
-            ValueError: they have another shape, are not finite or lie outside the world.
+            actions: (n, 2), targets of the agents, in [0, 512].
+            active: (n,); the others stand still and their actions are not looked at.
         """
-        actions = np.asarray(actions)
-        n = len(self.worlds)
-        if actions.shape != (n, 2):
-            raise ValueError(f"actions have shape {actions.shape}, expected {(n, 2)}")
-        if active is not None and np.shape(active) != (n,):
-            raise ValueError(f"active has shape {np.shape(active)}, expected {(n,)}")
-        chosen = np.arange(n) if active is None else np.flatnonzero(active)
-        if len(chosen) == 0:
-            return
-        for index, (x, y) in zip(
-            chosen.tolist(), checked(actions[chosen], "actions").tolist(), strict=True
-        ):
-            self.worlds[index].step(x, y)
+        before, targets = self.states, np.asarray(actions, dtype=np.float64).tolist()
+        chosen = range(len(self._sims)) if active is None else np.flatnonzero(active)
+        for index in chosen:
+            self._sims[index].step(*targets[index])
+        now = self.states
+        self._best = np.maximum(self._best, self.coverage)
+        pushed = np.abs(now[:, 2:4] - before[:, 2:4]).max(axis=1) > MOVED
+        first = np.flatnonzero(pushed & (self._mode < 0))
+        if len(first):
+            self._mode[first] = nearest_side(now[first, :2], now[first, 2:])
 
     @property
     def states(self) -> Array:
         """(n, 5): agent x and y, T x, y and angle (not reduced to one turn)."""
-        return np.array([world.state for world in self.worlds])
+        return np.array([sim.state for sim in self._sims])
 
     @property
     def coverage(self) -> Array:
         """(n,), the share of the goal that each T covers."""
-        return np.array([world.coverage for world in self.worlds])
+        return np.array([sim.coverage for sim in self._sims])
+
+    @property
+    def finished(self) -> NDArray[np.bool_]:
+        """(n,), whether the T has once covered more than 0.95 of the goal."""
+        return self._best > task.SUCCESS
+
+    def outcomes(self) -> dict[str, Array]:
+        """Name -> (n,).
+
+        - "coverage", the best at any time: the score of Diffusion Policy is min(1, it / 0.95);
+        - "last", the coverage now;
+        - "mode", the side of the T (0 to 7, around its outline) that was pushed first, or -1.
+        """
+        return {"coverage": self._best.copy(), "last": self.coverage, "mode": self._mode.copy()}
 
 
-def checked(action: NDArray[Any], name: str = "action") -> Array:
-    """Returns actions as float64 if they are finite real numbers in the world.
+def _world(agent_x: float, agent_y: float, x: float, y: float, angle: float) -> tuple[Any, ...]:
+    """A pymunk space, and the bodies of the agent and of the T in it."""
+    import pymunk  # late: the definition of the task is of use without its physics
 
-    Raises:
-        TypeError: they are not real numbers.
-        ValueError: they are not finite or lie outside [0, 512].
-    """
-    if action.dtype.kind not in "fiu":
-        raise TypeError(f"{name} must be real numbers, got {action.dtype}")
-    action = np.asarray(action, dtype=np.float64)
-    if not np.isfinite(action).all():
-        raise ValueError(f"{name} must be finite, got {action.tolist()}")
-    if (action < 0).any() or (action > task.SIZE).any():
-        raise ValueError(
-            f"{name} must lie in [0, {task.SIZE:g}], got values from {action.min():g} to "
-            f"{action.max():g}; clip them if that is what you mean"
-        )
-    return action
-
-
-def _walls(static: Any) -> list[Any]:
-    import pymunk
-
+    space = pymunk.Space()
+    space.damping = 0.0
     low, high = task.WALLS
     left, right = ((low, high), (low, low)), ((high, low), (high, high))
     top, bottom = ((low, low), (high, low)), ((low, high), (high, high))
     # the order in which contacts are solved follows from this one, which is gym-pusht's
-    return [pymunk.Segment(static, *ends, task.WALL_RADIUS) for ends in (left, top, right, bottom)]
-
-
-def _tee() -> tuple[Any, list[Any]]:
-    """The body of the T and its two shapes."""
-    import pymunk
-
-    bar, stem = (
-        [(x0, y0), (x1, y0), (x1, y1), (x0, y1)] for x0, x1, y0, y1 in (task.BAR, task.STEM)
-    )
+    for ends in (left, top, right, bottom):
+        space.add(pymunk.Segment(space.static_body, *ends, task.WALL_RADIUS))
+    agent = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+    agent.position = agent_x, agent_y
+    space.add(agent, pymunk.Circle(agent, task.AGENT_RADIUS))
+    bar, stem = ([(x0, y0), (x1, y0), (x1, y1), (x0, y1)] for x0, x1, y0, y1 in task.RECTANGLES)
     # gym-pusht takes the bar's moment of inertia for the stem, too.
-    body = pymunk.Body(task.MASS, 2 * pymunk.moment_for_poly(task.MASS, bar))
-    shapes = [pymunk.Poly(body, bar), pymunk.Poly(body, stem)]
-    body.center_of_gravity = task.CENTRE_OF_GRAVITY
-    return body, shapes
+    block = pymunk.Body(task.MASS, 2 * pymunk.moment_for_poly(task.MASS, bar))
+    shapes = [pymunk.Poly(block, bar), pymunk.Poly(block, stem)]
+    block.center_of_gravity = task.CENTRE_OF_GRAVITY
+    space.add(block, *shapes)
+    block.angle = angle  # first: turning is about the centre of gravity
+    block.position = x, y
+    return space, agent, block

@@ -44,6 +44,9 @@ KEYPOINTS = (
     (-15.0, 120.0),
 )
 
+PIXEL = 1 / 32  #: unit of stored places, pixels; the expert's actions are multiples of it
+TURN = 2 * math.pi / 65536  #: unit of stored angles: a turn fills 16 bits
+
 MASS = 1.0
 CENTRE_OF_GRAVITY = (0.0, 45.0)  #: in the frame of the T; not the centroid of its area
 WALLS = (5.0, 506.0)  #: the middle lines of the four walls, which stop the T but not the agent

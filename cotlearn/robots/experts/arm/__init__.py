@@ -1,6 +1,6 @@
-"""The demonstrator of the arm: choose a way round the pillars, and follow it smoothly."""
+"""The demonstrator of the arm: choose a mode, and follow a smooth path of it."""
 
-from cotlearn.robots.experts.arm.expert import ArmExpert, Episode
+from cotlearn.robots.experts.arm.expert import ArmExpert
 from cotlearn.robots.experts.arm.path import minimum_jerk, via_points
 
-__all__ = ["ArmExpert", "Episode", "minimum_jerk", "via_points"]
+__all__ = ["ArmExpert", "minimum_jerk", "via_points"]

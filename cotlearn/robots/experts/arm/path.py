@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
 
 from cotlearn.robots.arm import task
-
-Array = NDArray[np.float64]
+from cotlearn.robots.task import Array
 
 CLEARANCE = 0.018  #: metres that a path keeps from every pillar
 _BESIDE = (0.02, 0.05)  #: metres between rod and pillar where the path passes it
@@ -18,12 +18,12 @@ _MIDDLE = 0.3  #: share of the room in a gap, off its middle at most
 _SPREAD = 0.015  #: metres along the way by which a via point may be off
 
 
-def via_points(state: Array, way: int, kind: str, generator: np.random.Generator) -> Array:
+def via_points(state: Array, mode: int, kind: str, generator: np.random.Generator) -> Array:
     """Draws the points (k, 3) that a path passes between start and goal.
 
     Args:
         state: (columns,), at the start.
-        way: number of the way round in `task.WAYS[kind]`.
+        mode: a number in `task.MODES[kind]`.
         kind: "ring" or "avoid".
         generator: of the chances.
     """
@@ -35,17 +35,16 @@ def via_points(state: Array, way: int, kind: str, generator: np.random.Generator
         along = (goal - start)[:2] / np.linalg.norm((goal - start)[:2])
         left = np.array([-along[1], along[0]])
         place = np.array([x, y]) + draw(-_SPREAD, _SPREAD) * along
-        if task.WAYS[kind][way] == "over":
+        if task.MODES[kind][mode] == "over":
             place = place + draw(-0.5, 0.5) * radius * left
             return np.array([[*place, height + draw(*_ABOVE)]])
-        side = 1.0 if task.WAYS[kind][way] == "left" else -1.0
+        side = 1.0 if task.MODES[kind][mode] == "left" else -1.0
         place = place + side * (radius + task.ROD_RADIUS + draw(*_BESIDE)) * left
         return np.array([[*place, (start[2] + goal[2]) / 2 + draw(*_RISE)]])
-    points, first = [], 0
-    gaps = divmod(way, task.ROWS[kind][1] + 1)
-    for count, gap in zip(task.ROWS[kind], gaps, strict=True):
-        row = posts[first : first + count]
-        first += count
+    points = []
+    first, second = task.ROWS[kind]
+    rows = posts[:first], posts[first:]
+    for row, gap in zip(rows, divmod(mode, second + 1), strict=True):
         place = row[:, 0].mean()
         share = (place - start[0]) / (goal[0] - start[0])
         z = start[2] + share * (goal[2] - start[2])
@@ -69,8 +68,8 @@ def _through(row: Array, gap: int, generator: np.random.Generator) -> float:
 def minimum_jerk(points: ArrayLike, times: ArrayLike, at: ArrayLike) -> Array:
     """The path with the least ∫|jerk|² dt that passes points at times, from rest to rest.
 
-    Between the points it is a quintic, and at them its first four derivatives are continuous
-    (Flash and Hogan 1985): p(t) = Σ_{i<6} a_i tⁱ + Σ_k b_k max(t - t_k, 0)⁵.
+    It is the quintic spline through the points: between them it is a polynomial of degree five,
+    and at them its first four derivatives are continuous (Flash and Hogan 1985).
 
     Args:
         points: (k + 2, d), start, via points, goal.
@@ -80,35 +79,10 @@ def minimum_jerk(points: ArrayLike, times: ArrayLike, at: ArrayLike) -> Array:
     Returns:
         (n, d).
     """
-    points, times, at = (np.asarray(value, dtype=np.float64) for value in (points, times, at))
-    if points.ndim != 2 or times.shape != points.shape[:1] or len(points) < 2:
-        raise ValueError(
-            f"points and times must have shapes (k + 2, d) and (k + 2,), got {points.shape} and "
-            f"{times.shape}"
-        )
-    if (np.diff(times) <= 0).any():
-        raise ValueError(f"times must rise, got {times.tolist()}")
-    span = times[-1] - times[0]
-    knots = (times - times[0]) / span
-    ends = knots[[0, -1]]
-    system = np.concatenate(
-        [_basis(knots, knots, 0), _basis(ends, knots, 1), _basis(ends, knots, 2)]
-    )
-    wanted = np.concatenate([points, np.zeros((4, points.shape[1]))])
-    path: Array = _basis((at - times[0]) / span, knots, 0) @ np.linalg.solve(system, wanted)
+    still = np.zeros((2, np.shape(points)[1]))
+    at_rest = list(zip((1, 2), still, strict=True))  # no speed, no acceleration
+    path: Array = make_interp_spline(times, points, k=5, bc_type=(at_rest, at_rest))(at)
     return path
-
-
-def _basis(t: Array, knots: Array, derivative: int) -> Array:
-    """(n, 6 + k), a derivative of tⁱ and of max(t - t_k, 0)⁵ at times t (n,)."""
-    columns = []
-    for power in range(6):
-        factor = float(np.prod(np.arange(power - derivative + 1, power + 1)))
-        columns.append(factor * t ** max(power - derivative, 0))
-    for knot in knots[1:-1]:
-        factor = float(np.prod(np.arange(6 - derivative, 6)))
-        columns.append(factor * np.maximum(t - knot, 0.0) ** (5 - derivative))
-    return np.stack(columns, axis=1)
 
 
 def clearance(tips: Array, posts: Array) -> Array:

@@ -1,5 +1,5 @@
 """The planned demonstrator of Push-T."""
 
-from cotlearn.robots.experts.push_t.expert import Episode, Options, PushTExpert
+from cotlearn.robots.experts.push_t.expert import Options, PushTExpert
 
-__all__ = ["Episode", "Options", "PushTExpert"]
+__all__ = ["Options", "PushTExpert"]

@@ -1,4 +1,4 @@
-"""The demonstrator of Push-T: plan a push, go round the T, push, plan again."""
+"""The demonstrator of Push-T: plan a push, go around the T, push, plan again."""
 
 from __future__ import annotations
 
@@ -20,18 +20,14 @@ from cotlearn.robots.experts.push_t.route import (
     step_back,
 )
 from cotlearn.robots.push_t import MAX_STEPS, SIZE, SUCCESS, Simulation, corners, random_state
-from cotlearn.robots.push_t.task import AGENT_RADIUS, WALL_RADIUS, WALLS
-from cotlearn.validation import check_number
+from cotlearn.robots.push_t.task import AGENT_RADIUS, PIXEL, WALL_RADIUS, WALLS
+from cotlearn.robots.task import Array, Demonstration
 
-Array = NDArray[np.float64]
-
-TEMPERATURE = (
-    2.0  #: steps; a side of the T that costs this much more than the best is e times rarer
-)
+#: Steps: a side of the T that costs this much more than the best is e times rarer.
+TEMPERATURE = 2.0
 WITHIN = 0.25  #: the temperature among pushes on one side, as a part of the temperature
 SLACK = 3.0  #: what costs more than this many temperatures more than the best is never chosen
 NOISE = 5.0  #: standard deviation of what is added to each coordinate of an action, pixels
-PIXEL = 1 / 32  #: actions are multiples of this, so that they can be stored exactly
 
 SPEED = 24.0  #: of the agent on its way, pixels a step, about
 _AHEAD = (48.0, 36.0, 24.0, 16.0, 8.0)  #: the target runs so far ahead of the agent if it is clear
@@ -55,53 +51,23 @@ class Options:
     probability: Array
 
 
-@dataclass(frozen=True)
-class Episode:
-    """A demonstration; row t of each array belongs to control step t.
-
-    Attributes:
-        state: (n, 5), before the action; the angle is not reduced to one turn.
-        action: (n, 2), what was done: the intention, plus noise, as a multiple of 1/32 pixel.
-        intention: (n, 2), what the expert meant, as a multiple of 1/32 pixel.
-        coverage: at the end.
-    """
-
-    state: Array
-    action: Array
-    intention: Array
-    coverage: float
-
-    @property
-    def success(self) -> bool:
-        """Whether the goal was reached."""
-        return self.coverage > SUCCESS
-
-
 class PushTExpert:
     """Plans with the values of `plan`, and chooses by chance among pushes that are nearly as good.
 
     The first one takes some 8 s for its library and its plan; they are kept in memory.
-
-    Args:
-        temperature: steps; 0 always takes the best push.
-        noise: standard deviation in pixels of what is added to the actions.
     """
 
-    def __init__(self, *, temperature: float = TEMPERATURE, noise: float = NOISE) -> None:
-        self.temperature = check_number(temperature, "temperature")
-        self.noise = check_number(noise, "noise")
+    def __init__(self) -> None:
         self.pushes = library()
         self.value = plan.value()
-        starts, self._place = np.unique(self.pushes.start.round(6), axis=0, return_inverse=True)
-        self._place = self._place.ravel()
+        starts, place = np.unique(self.pushes.start.round(6), axis=0, return_inverse=True)
+        self._place = place.ravel()
         self._routes = Routes(starts)
 
-    def episode(self, seed: int, *, state: ArrayLike | None = None) -> Episode:
-        """Demonstrates one episode.
+    def episode(self, seed: int, *, state: ArrayLike | None = None) -> Demonstration:
+        """Demonstrates one episode; see `cotlearn.robots.task.Expert`.
 
-        Args:
-            seed: of the start, as in `env.reset(seed=seed)`, and of all choices.
-            state: (5,), where to start instead; then the seed is of the choices alone.
+        The angle of the T in its states is not reduced to one turn.
         """
         start = random_state(np.random.default_rng(seed)) if state is None else state
         world = Simulation(start)
@@ -109,14 +75,15 @@ class PushTExpert:
         states, actions, intentions = [], [], []
         for target in self._targets(world, generator):
             intention = _representable(target)
-            action = _representable(intention + self.noise * generator.standard_normal(2))
+            action = _representable(intention + NOISE * generator.standard_normal(2))
             states.append(world.state)
             actions.append(action)
             intentions.append(intention)
             world.step(*action.tolist())
             if world.coverage > SUCCESS or len(states) == MAX_STEPS:
                 break
-        return Episode(np.array(states), np.array(actions), np.array(intentions), world.coverage)
+        success = world.coverage > SUCCESS
+        return Demonstration(np.array(states), np.array(actions), np.array(intentions), success)
 
     def options(self, state: ArrayLike) -> Options:
         """The pushes that may be chosen at a state (5,), and how likely each is."""
@@ -145,7 +112,7 @@ class PushTExpert:
         near = order[cost[order] < cost[order[0]] + 25.0]
         possible = near[self._possible(near, pose, future[near])]
         near = possible if len(possible) else near[:1]
-        probability = _softmax_by_side(cost[near], self.pushes.side[near], self.temperature)
+        probability = _softmax_by_side(cost[near], self.pushes.side[near])
         kept = probability > 0
         return near[kept], cost[near][kept], probability[kept], found
 
@@ -177,21 +144,19 @@ class PushTExpert:
                 yield from _push(world, corners(pose, start[None])[0], direction, length)
 
 
-def _softmax_by_side(cost: Array, side: NDArray[np.int64], temperature: float) -> Array:
+def _softmax_by_side(cost: Array, side: NDArray[np.int64]) -> Array:
     """First a side of the T by its best push, then a push on that side.
 
     Sides differ in what the demonstration looks like; the many pushes on one side hardly do, and
     must not outvote another side by their number.
     """
-    if temperature == 0:
-        return (np.arange(len(cost)) == cost.argmin()).astype(np.float64)
     best = np.full(8, np.inf)
     np.minimum.at(best, side, cost)
-    of_side = _softmax(best, temperature)
+    of_side = _softmax(best, TEMPERATURE)
     probability = np.zeros(len(cost))
     for number in np.flatnonzero(of_side):
         rows = side == number
-        probability[rows] = of_side[number] * _softmax(cost[rows], WITHIN * temperature)
+        probability[rows] = of_side[number] * _softmax(cost[rows], WITHIN * TEMPERATURE)
     return probability / probability.sum()
 
 

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from cotlearn.robots.experts.push_t.pushes import Pushes, library
 from cotlearn.robots.push_t import GOAL, coverage
 from cotlearn.robots.push_t.task import CENTRE_OF_GRAVITY
+from cotlearn.robots.task import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Single = NDArray[np.float32]
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from cotlearn.robots.experts.push_t.route import distance
 from cotlearn.robots.push_t import AGENT_RADIUS, Simulation, corners
 from cotlearn.robots.push_t.task import CENTRE_OF_GRAVITY, OUTLINE
-
-Array = NDArray[np.float64]
+from cotlearn.robots.task import Array
 
 GAP = 4.0  #: between agent and T before a push, pixels
 SPACING = 4.0  #: between starts along a side of the T, pixels

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cotlearn.robots.push_t.task import AGENT_RADIUS, OUTLINE, RECTANGLES
-
-Array = NDArray[np.float64]
+from cotlearn.robots.task import Array
 
 CLEAR = AGENT_RADIUS + 3.0  #: a way keeps this far from the T, centre of the agent to the T
 _MARGIN = AGENT_RADIUS + 5.0  #: of the turning points

@@ -1,20 +1,18 @@
-"""Which way round the pillars a path went."""
+"""The mode of a path: on which side of the pillars it passes (its homotopy class)."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from cotlearn.robots.arm.task import GOAL, KINDS, ROWS, TIP, pillars
-from cotlearn.validation import check_choice
-
-Array = NDArray[np.float64]
+from cotlearn.robots.arm.task import GOAL, ROWS, TIP, pillars
+from cotlearn.robots.task import Array
 
 
-def way_round(paths: ArrayLike, kind: str) -> NDArray[np.int64]:
-    """The number of the way in `task.WAYS[kind]` that each path took, -1 where it took none.
+def homotopy_class(paths: Array, kind: str) -> NDArray[np.int64]:
+    """The number in `task.MODES[kind]` of each path's homotopy class, -1 where it has none.
 
-    It is told where the path passes a row of pillars for the last time. In "ring" that is the
+    It is decided where the path passes a row of pillars for the last time. In "ring" that is the
     plane through the pillar across the direction from start to goal; the path went over the pillar
     if it is clearer of it upwards than sideways there, and else left or right. In "avoid" it is
     the plane x = the middle of the row; the gap is the number of pillars with a smaller y.
@@ -23,34 +21,28 @@ def way_round(paths: ArrayLike, kind: str) -> NDArray[np.int64]:
         paths: (n, T, columns), states.
         kind: "ring" or "avoid".
     """
-    states = np.asarray(paths, dtype=np.float64)
-    if states.ndim != 3 or len(states) == 0 or states.shape[1] < 2:
-        raise ValueError(f"paths must have shape (n, 2 steps or more, columns): {states.shape}")
-    tip = states[..., TIP]
-    posts = pillars(states[:, 0])
-    if check_choice(kind, "kind", KINDS) == "ring":
-        along = states[:, 0, GOAL][:, :2] - tip[:, 0, :2]
+    tip = paths[..., TIP]
+    posts = pillars(paths[:, 0])
+    if kind == "ring":
+        along = paths[:, 0, GOAL][:, :2] - tip[:, 0, :2]
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         offset = tip[..., :2] - posts[:, 0, None, :2]
         forward = (offset * along[:, None]).sum(axis=-1)
         sideways = along[:, None, 0] * offset[..., 1] - along[:, None, 1] * offset[..., 0]
-        side, height, passed = _at(forward, np.stack([sideways, tip[..., 2]], axis=-1))
+        side, height, passed = _at_last_pass(forward, np.stack([sideways, tip[..., 2]], axis=-1))
         over = height - posts[:, 0, 3] > np.abs(side) - posts[:, 0, 2]
         return np.where(~passed, -1, np.where(over, 2, np.where(side > 0, 0, 1)))
-    way = np.zeros(len(states), dtype=np.int64)
-    passed_all = np.ones(len(states), dtype=bool)
-    first = 0
-    for count in ROWS[kind]:
-        row = posts[:, first : first + count]
+    mode = np.zeros(len(paths), dtype=np.int64)
+    passed_all = np.ones(len(paths), dtype=bool)
+    for row in np.split(posts, np.cumsum(ROWS[kind])[:-1], axis=1):
         forward = tip[..., 0] - row[:, :, 0].mean(axis=1)[:, None]
-        side, _, passed = _at(forward, tip[..., 1:])
-        way = way * (count + 1) + (row[:, :, 1] < side[:, None]).sum(axis=1)
+        side, _, passed = _at_last_pass(forward, tip[..., 1:])
+        mode = mode * (row.shape[1] + 1) + (row[:, :, 1] < side[:, None]).sum(axis=1)
         passed_all &= passed
-        first += count
-    return np.where(passed_all, way, -1)
+    return np.where(passed_all, mode, -1)
 
 
-def _at(forward: Array, values: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _at_last_pass(forward: Array, values: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Two values (n, T, 2) where forward (n, T) last rises through 0, and whether it does."""
     rising = (forward[:, :-1] < 0) & (forward[:, 1:] >= 0)
     passed = rising.any(axis=1)
