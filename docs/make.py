@@ -49,7 +49,7 @@ def misspelled(folder: Path) -> list[str]:
     command = [sys.executable, "-m", "codespell_lib", "--ignore-words", str(DOCS / "words.txt")]
     command += [str(path) for path in prose(folder)]
     done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
-    return (done.stdout + done.stderr).splitlines() if done.returncode else []
+    return (done.stdout or done.stderr).splitlines() if done.returncode else []
 
 
 def build(site: Path) -> int:
