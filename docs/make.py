@@ -18,6 +18,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+from sphinx.cmd.build import build_main
+
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 SITE = ROOT / "build" / "site"
@@ -54,9 +56,8 @@ def misspelled(folder: Path) -> list[str]:
 
 def build(site: Path) -> int:
     """Run Sphinx; warnings are errors. Return its exit status."""
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-c", str(DOCS)]
-    command += ["-d", str(site.parent / "doctrees"), str(ROOT), str(site)]
-    return subprocess.run(command, check=False).returncode
+    options = ["-q", "-W", "--keep-going", "-c", str(DOCS), "-d", str(site.parent / "doctrees")]
+    return build_main([*options, str(ROOT), str(site)])
 
 
 class Page(HTMLParser):

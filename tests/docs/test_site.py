@@ -18,6 +18,7 @@ import make  # noqa: E402
 from alternative_text import with_alt  # noqa: E402
 from docstrings import prepare  # noqa: E402
 
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]  # Sphinx's own are many
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb"))
 
 
