@@ -11,12 +11,12 @@ import cotlearn.robots
 from cotlearn.robots.push_t import (
     GOAL,
     MAX_STEPS,
-    PushT,
     PushTVectorSim,
     corners,
     coverage,
     random_state,
 )
+from cotlearn.robots.push_t.environment import PushT
 from cotlearn.robots.push_t.geometry import coverage_of_one
 from cotlearn.robots.push_t.rasteriser import AGENT, BLOCK, OUTLINE
 from cotlearn.robots.push_t.rendering import CROSS, draw

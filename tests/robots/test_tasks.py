@@ -14,3 +14,10 @@ def test_a_task_is_defined_without_its_physics(module):
     code = f"import sys, {module}; print(*[n for n in {PHYSICS} if n in sys.modules])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.split() == []
+
+
+@pytest.mark.parametrize("module", ["cotlearn.plots", "cotlearn.report"])
+def test_the_base_installation_draws_and_reports_without_simulators(module):
+    without = "sys.modules.update(dict.fromkeys(('gymnasium', 'pymunk', 'mujoco')))"
+    code = f"import sys; {without}; import {module}"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -5,7 +5,6 @@ The task is that of Implicit Behavioral Cloning and Diffusion Policy, in the for
 """
 
 from cotlearn.renamed import renamed
-from cotlearn.robots.push_t.environment import PushT
 from cotlearn.robots.push_t.geometry import corners, coverage
 from cotlearn.robots.push_t.simulation import PushTVectorSim, Simulation, random_state
 from cotlearn.robots.push_t.task import AGENT_RADIUS, GOAL, MAX_STEPS, SIZE, SUCCESS
@@ -16,7 +15,6 @@ __all__ = [
     "MAX_STEPS",
     "SIZE",
     "SUCCESS",
-    "PushT",
     "PushTVectorSim",
     "Simulation",
     "corners",
@@ -24,4 +22,7 @@ __all__ = [
     "random_state",
 ]
 
-__getattr__ = renamed(__name__, {"Simulations": "PushTVectorSim"})
+__getattr__ = renamed(
+    __name__,
+    {"Simulations": "PushTVectorSim", "PushT": "cotlearn.robots.push_t.environment:PushT"},
+)
