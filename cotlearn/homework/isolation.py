@@ -22,7 +22,7 @@ from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any
 
-from cotlearn.homework import worker
+from cotlearn.homework import registry, worker
 
 START = 300.0  #: seconds that a process may take to begin, on a very busy machine
 _MESSAGE_BYTES = 1_000_000
@@ -119,7 +119,7 @@ def _listen(
             if not begun:
                 raise RuntimeError("the process for an answer took too long to start")
             if not _waits_for_a_core(process.pid):
-                return messages, _too_long(limits)
+                return messages, registry.too_long(limits.seconds)
             deadline += limits.seconds  # its computing time is limited by the system
 
 
@@ -139,19 +139,12 @@ def _why(process: Any, limits: Limits, *, begun: bool) -> str:
     if not begun:
         raise RuntimeError(f"the process for an answer did not start (exit code {code})")
     if hasattr(signal, "SIGXCPU") and code == -signal.SIGXCPU:
-        return _too_long(limits)
+        return registry.too_long(limits.seconds)
     if code is not None and code < 0:
         name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
         memory = "; most often that is memory" if name in {"SIGKILL", "SIGSEGV", "SIGABRT"} else ""
         return f"your answer made Python crash ({name}{memory})"
     return "your answer ended Python (os._exit, or a crash), so that nothing after it could run"
-
-
-def _too_long(limits: Limits) -> str:
-    return (
-        f"your answer ran for longer than {limits.seconds:g} seconds and was stopped; "
-        "is there a loop that never ends?"
-    )
 
 
 def _end(process: Any) -> None:

@@ -11,14 +11,16 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMB
 os.environ["MPLBACKEND"] = "agg"
 os.environ["COTLEARN_PROGRESS"] = "0"
 
-for module in ("cotlearn.plots", "cotlearn.diagnostics", "cotlearn.homework.registry"):
+for module in ("cotlearn.plots", "cotlearn.diagnostics"):
     importlib.import_module(module)
 
 import torch  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
+from cotlearn.homework import exercises  # noqa: E402
 from cotlearn.metrics import squared_w2  # noqa: E402
 
 torch.set_num_threads(1)
 tqdm.set_lock(threading.RLock())  # its own is between processes, and outlives one that is killed
 squared_w2(torch.zeros(2, 2), torch.ones(2, 2))  # compiles what is not in numba's cache
+exercises()

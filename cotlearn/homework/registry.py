@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from cotlearn.homework import progress
+from cotlearn.homework import checks, progress
 
 #: Seconds that a learner's answer may take before the check stops it; inf: no limit.
 TIME_LIMIT = 20.0
@@ -49,10 +49,6 @@ class Verdict(_Silent, enum.StrEnum):
 
 class NotYet(Exception):
     """Raised by a check with a sentence that helps the learner on."""
-
-
-class _NotAttempted(Exception):
-    """The answer is still the stub."""
 
 
 class _OutOfTime(BaseException):
@@ -93,9 +89,8 @@ def exercise(name: str) -> Callable[[_Check], _Check]:
 
 def exercises() -> list[str]:
     """Returns the names of all exercises."""
-    package = importlib.import_module("cotlearn.homework.checks")
-    for module in pkgutil.iter_modules(package.__path__):
-        importlib.import_module(f"{package.__name__}.{module.name}")
+    for module in pkgutil.iter_modules(checks.__path__):
+        importlib.import_module(f"{checks.__name__}.{module.name}")
     return sorted(_registry)
 
 
@@ -122,10 +117,11 @@ def check(answer: object, name: str) -> Verdict:
     if verdict is Verdict.NOT_ATTEMPTED:
         print(f"not attempted yet: {name}")
         return verdict
-    print("✓ correct" if verdict is Verdict.CORRECT else f"✗ not yet: {sentence}")
     if verdict is Verdict.CORRECT:
+        print("✓ correct")
         _correct.add(name)
     else:
+        print(f"✗ not yet: {sentence}")
         _correct.discard(name)
     if progress.in_notebook():
         progress.remember({name: verdict})
@@ -174,59 +170,44 @@ def judge(answer: object, name: str, *, seed: int | None = None) -> tuple[Verdic
         TypeError: As `check`.
         ValueError: As `check`; or a seed for a check that draws nothing.
     """
-    if not isinstance(name, str):
-        raise TypeError(f'name must be a string such as "01.interpolate", got {name!r}')
-    function: _Check = _find(name)
+    function = _find(name)
     if seed is not None:
         if "seed" not in inspect.signature(function).parameters:
             raise ValueError(f"the check of {name!r} takes no seed, got {seed}")
         function = functools.partial(function, seed=seed)
     try:
         if _is_stub(answer):
-            raise _NotAttempted
+            raise NotImplementedError
+        watch = callable(answer) and hasattr(answer, "__name__") and not isinstance(answer, type)
         with _time_limit(TIME_LIMIT):
-            function(_watched(answer) if _is_function(answer) else answer)
-    except (_NotAttempted, NotImplementedError):
+            function(_watched(answer) if watch else answer)
+    except NotImplementedError:
         return Verdict.NOT_ATTEMPTED, "not attempted yet"
     except NotYet as reason:
         return Verdict.NOT_YET, str(reason)
     except _OutOfTime:
-        return Verdict.NOT_YET, (
-            f"your answer ran for longer than {TIME_LIMIT:.0f} seconds and was stopped; "
-            "is there a loop that never ends?"
-        )
+        return Verdict.NOT_YET, too_long(TIME_LIMIT)
     except Exception as error:
         return Verdict.NOT_YET, f"the check could not use your answer: {_described(error)}"
     return Verdict.CORRECT, "correct"
 
 
 def _find(name: str) -> _Check:
-    match = _NAME.fullmatch(name)
-    if match and name not in _registry:
-        file = match[1] if match[1].startswith("hw") else f"nb{match[1]}"
-        module = f"cotlearn.homework.checks.{file}"
-        try:
-            importlib.import_module(module)
-        except ModuleNotFoundError as error:
-            if error.name != module:
-                raise
-    if name in _registry:
-        return _registry[name]
-    available = exercises()
-    near = difflib.get_close_matches(name, available, n=3, cutoff=0.5)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"there are: {', '.join(available)}"
-    raise ValueError(f"there is no exercise {name!r}; {hint}")
+    if not isinstance(name, str):
+        raise TypeError(f'name must be a string such as "01.interpolate", got {name!r}')
+    if name not in _registry:
+        available = exercises()
+        if name not in _registry:
+            near = difflib.get_close_matches(name, available, n=3, cutoff=0.5)
+            found = f"did you mean {' or '.join(near)}?" if near else f"there are: {available}"
+            raise ValueError(f"there is no exercise {name!r}; {found}")
+    return _registry[name]
 
 
 def _is_stub(answer: object) -> bool:
     if isinstance(answer, tuple | list) and answer:
         return all(_is_stub(item) for item in answer)
     return answer is None or answer is ...
-
-
-def _is_function(answer: object) -> bool:
-    """Tells functions from classes, modules and values, which go to the check as they are."""
-    return callable(answer) and hasattr(answer, "__name__") and not isinstance(answer, type)
 
 
 def _watched(function: Any) -> Callable[..., Any]:
@@ -241,10 +222,18 @@ def _watched(function: Any) -> Callable[..., Any]:
         except Exception as error:
             raise NotYet(f"your function {function.__name__} {said(error)}") from error
         if _is_stub(result):
-            raise _NotAttempted
+            raise NotImplementedError
         return result
 
     return call
+
+
+def too_long(seconds: float) -> str:
+    """What is said of an answer that was stopped."""
+    return (
+        f"your answer ran for longer than {seconds:g} seconds and was stopped; is there a loop "
+        "that never ends?"
+    )
 
 
 def said(error: BaseException) -> str:

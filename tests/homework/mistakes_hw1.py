@@ -81,7 +81,7 @@ MISTAKES = [
     ("hw1.exact_velocity", lambda *a: mixture(*a, sign=1), "enters with a minus"),
     ("hw1.exact_velocity", lambda *a: mixture(*a, kind="exp"), "use softmax"),
     ("hw1.exact_velocity", lambda *a: mixture(*a, kind="nearest"), "not the nearest"),
-    ("hw1.exact_velocity", lambda *a: mixture(*a, kind="flat"), "x tells more"),
+    ("hw1.exact_velocity", lambda *a: mixture(*a, kind="flat"), "that is the mean of the m_k"),
     ("hw1.exact_velocity", lambda *a: mixture(*a, two=1), "the 2 is missing"),
     (
         "hw1.exact_velocity",

@@ -97,7 +97,7 @@ def test_only_the_self_check_is_content(tmp_path):
     first = found.marks[0]
     assert (first.verdict, first.points, first.correct) == ("correct", 3, False)
     assert first.hints == (
-        "the loss must lead gradients to the network: do not detach what it returns",
+        "gradients of the loss must reach the network: do not detach the return value",
     )
 
 

@@ -1,21 +1,19 @@
-"""Typical wrong answers to the homework get a sentence that helps, and no full marks."""
+"""Typical wrong answers get a sentence that helps, and no full marks; right ones count."""
 
-from __future__ import annotations
-
+import importlib
 import inspect
 from collections import Counter
+from pathlib import Path
 
-import mistakes_hw1
-import mistakes_hw2
-import mistakes_hw3
-import mistakes_hw4
 import pytest
 
-from cotlearn.homework import Verdict, assignments
+from cotlearn.homework import Verdict, assignments, exercises
 from cotlearn.homework.registry import judge
 
-MODULES = mistakes_hw1, mistakes_hw2, mistakes_hw3, mistakes_hw4
+PATHS = sorted(Path(__file__).parent.glob("mistakes_*.py"))
+MODULES = [importlib.import_module(path.stem) for path in PATHS]
 MISTAKES = [item for module in MODULES for item in module.MISTAKES]
+RIGHT = [item for module in MODULES for item in getattr(module, "RIGHT", [])]
 QUESTIONS = {
     question.name: question
     for path in assignments.masters()
@@ -30,7 +28,19 @@ def test_a_mistake_gets_a_hint(name, answer, hint):
     assert hint in sentence
 
 
-@pytest.mark.parametrize(("name", "answer"), [item[:2] for item in MISTAKES])
+@pytest.mark.parametrize(("name", "answer"), RIGHT)
+def test_other_right_answers_count(name, answer):
+    assert judge(answer, name) == (Verdict.CORRECT, "correct")
+
+
+def test_a_self_test_of_dots_is_not_attempted():
+    dots = dict.fromkeys(["shape", "gradient", "best_constant", "mean", "euler"], ...)
+    assert judge(dots, "00.self_test")[0] is Verdict.NOT_ATTEMPTED
+
+
+@pytest.mark.parametrize(
+    ("name", "answer"), [item[:2] for item in MISTAKES if item[0] in QUESTIONS]
+)
 def test_a_mistake_fails_a_hidden_test(name, answer):
     failed = 0
     for test in QUESTIONS[name].tests:
@@ -44,7 +54,7 @@ def test_a_mistake_fails_a_hidden_test(name, answer):
     assert failed
 
 
-def test_every_question_has_at_least_three():
+def test_every_exercise_has_at_least_three():
     counts = Counter(name for name, *_ in MISTAKES)
-    assert set(counts) == set(QUESTIONS)
+    assert set(counts) == set(exercises())
     assert min(counts.values()) >= 3

@@ -209,6 +209,12 @@ def cheapest(cost: Tensor) -> Tensor:
     return everyone[totals.argmin()]
 
 
+def velocity_field(t: Any, x: Tensor) -> Tensor:
+    """A velocity that depends on both; t is a number or one for each row."""
+    time = torch.as_tensor(t, dtype=x.dtype)
+    return torch.cos(2 * x) + 1.5 * (time[:, None] if time.ndim == 1 else time) * x - 0.3
+
+
 def squares(off: Tensor, unit: Any = 1.0) -> dict[str, Any]:
     """Mistakes in `unit` times the mean over rows of |off|², with off of shape (n, d)."""
     far = off.norm(dim=1)

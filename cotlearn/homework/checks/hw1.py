@@ -7,7 +7,15 @@ import torch
 from scipy.optimize import linear_sum_assignment
 from torch import Generator, Tensor
 
-from cotlearn.homework.checks.common import Case, Cases, one_a_row, squares, table, tensor
+from cotlearn.homework.checks.common import (
+    Case,
+    Cases,
+    one_a_row,
+    squares,
+    table,
+    tensor,
+    velocity_field,
+)
 from cotlearn.homework.registry import NotYet
 
 
@@ -27,14 +35,14 @@ def _loss(x0: Tensor, x1: Tensor, t: Tensor) -> Case:
             raise NotYet(f"the network takes the time first, of shape ({n},), then the place")
         if tuple(x.shape) != (n, d):
             raise NotYet(f"the place x_t must have shape ({n}, {d})")
-        return _field(time, x)
+        return velocity_field(time, x)
 
     def squared(place: Tensor, target: Tensor) -> Tensor:
-        return (_field(t, place) - target).square().sum(1)
+        return (velocity_field(t, place) - target).square().sum(1)
 
     s = t[:, None]
     place, line = (1 - s) * x0 + s * x1, x1 - x0
-    error = _field(t, place) - line
+    error = velocity_field(t, place) - line
     by_column = (1 - t) * x0 + t * x1 if n == d else place
     wrong = {
         "the velocity has the wrong sign: from x0 to x1 it is x1 - x0": squared(place, -line),
@@ -44,9 +52,7 @@ def _loss(x0: Tensor, x1: Tensor, t: Tensor) -> Case:
         "square the differences; these are their absolute values": error.abs().sum(1),
         "the network predicts the velocity x1 - x0, not the place x_t": squared(place, place),
         "the network predicts the velocity x1 - x0, not the end x1": squared(place, x1),
-        "t belongs to rows: in a square batch t without [:, None] is applied to columns": (
-            squared(by_column, line)
-        ),
+        "t belongs to rows: in a square batch t[:, None], not t": squared(by_column, line),
     }
     hint = "for each row: the sum of (network(t, x_t) - (x1 - x0))²"
     given = (network, x0, x1, t)
@@ -62,7 +68,7 @@ def euler(g: Generator) -> Cases:
 
         def velocity(t: Any, x: Tensor, calls: list[Any] = calls) -> Tensor:
             calls.append(t)
-            return _field(t, x)
+            return velocity_field(t, x)
 
         walk, h, late = functools.partial(_steps, x0), 1 / nfe, 1 / max(nfe - 1, 1)
         wrong = {
@@ -75,9 +81,7 @@ def euler(g: Generator) -> Cases:
             f"nfe={nfe} means {nfe} steps, you took {nfe + 1}": walk(nfe + 1, h),
             f"you took {nfe - 1} steps and did not arrive at t = 1": walk(nfe - 1, h),
             "nfe steps of 1 / (nfe - 1) lead beyond t = 1; the step is 1 / nfe": walk(nfe, late),
-            f"nfe={nfe} buys {nfe} short steps; these are {nfe - 1} longer ones": (
-                walk(nfe - 1, late)
-            ),
+            f"nfe={nfe} buys {nfe} steps; these are {nfe - 1} longer ones": walk(nfe - 1, late),
             "linspace(0, 1, nfe) ends at 1; step k starts at t = k / nfe": walk(nfe, h, by=late),
         }
         hint = "for k in range(nfe): x = x + v(k / nfe, x) / nfe"
@@ -102,9 +106,7 @@ def exact_velocity(g: Generator) -> Cases:
             "variances add with squared factors: (1 - t)² + t² s²": mean(variance=no_square),
             "a Gaussian's exponent is -|x - m|² / (2 variance): the 2 is missing": mean(two=1.0),
             "Cov(x1 - x0, x_t) is t s² - (1 - t): the noise enters with a minus": mean(sign=1.0),
-            "that is the mean of the m_k; x tells more: add Cov / Var times (x - t m_k)": (
-                mean(slope=False)
-            ),
+            "that is the mean of the m_k; add Cov / Var times (x - t m_k)": mean(slope=False),
             "every component counts, not the nearest": mean(weights="nearest"),
         }
         hint = f"at t = {t} it is not E[x1 - x0 | x_t = x]"
@@ -147,12 +149,6 @@ def squared_w2(g: Generator) -> Cases:
     yield Case((a.float(), a.flip(0).float()), 0.0, {}, hint)
 
 
-def _field(t: Any, x: Tensor) -> Tensor:
-    """A velocity that depends on both; t is a number or one for each row."""
-    time = torch.as_tensor(t, dtype=x.dtype)
-    return torch.cos(2 * x) + 1.5 * (time[:, None] if time.ndim == 1 else time) * x - 0.3
-
-
 def _steps(
     x: Tensor,
     steps: int,
@@ -165,7 +161,7 @@ def _steps(
     """Euler, and with other options the mistakes one can make in it."""
     start, t = x, first
     for _ in range(steps):
-        x = x + h * _field(t, start if still else x)
+        x = x + h * velocity_field(t, start if still else x)
         t += h if by is None else by
     return x
 

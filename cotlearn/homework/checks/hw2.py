@@ -6,14 +6,7 @@ import torch
 from scipy.optimize import linear_sum_assignment
 from torch import Generator, Tensor
 
-from cotlearn.homework.checks.common import (
-    Case,
-    Cases,
-    expect_function,
-    same,
-    table,
-    tensor,
-)
+from cotlearn.homework.checks.common import Case, Cases, expect_function, same, table, tensor
 from cotlearn.homework.checks.nb03 import costs
 from cotlearn.homework.registry import NotYet, exercise
 

@@ -1,9 +1,12 @@
 """The checks of homework 3: optimal vector fields."""
 
+from dataclasses import replace
+
 import torch
 from torch import Generator, Tensor
 
 from cotlearn.homework.checks.common import Case, Cases, one_a_row, squares, table
+from cotlearn.homework.checks.nb06 import line_start
 
 
 @table("hw3.gaussian_map")
@@ -53,28 +56,10 @@ def invert(g: Generator) -> Cases:
     """The z with (1 - t) z + t grad(z) = x."""
     x = torch.randn(8, 2, generator=g, dtype=torch.float64)
     for t in (0.6, 0.0, 0.9):
-        yield _inverse(x, t)
-
-
-def _inverse(x: Tensor, t: float) -> Case:
-    def left(z: Tensor) -> Tensor:
-        return (1 - t) * z + t * _gradient(z)
-
-    wrong = {
-        "t and 1 - t are swapped: (1 - t) z + t grad(z) = x": _solve(x, 1 - t),
-        "one Newton step is not enough: repeat until the residual is small": _solve(x, t, steps=1),
-        "the (1 - t) z is missing: that solves grad(z) = x": _solve(x, 1.0),
-        "that goes forward; the z that leads to x is asked for": _gradient(x),
-        "that goes forward, from z to x; solve the equation for z": left(x),
-        "that is x itself: solve (1 - t) z + t grad(z) = x": x,
-    }
-
-    def otherwise(found: Tensor) -> str:
-        off = (left(found) - x).norm(dim=1).max()
-        residual = f"at t = {t} the residual |(1 - t) z + t grad(z) - x| is up to {off:.2g}"
-        return f"{residual}; more Newton steps, or the sign of the step?"
-
-    return Case((_gradient, _hessian, x, t), _solve(x, t), wrong, otherwise, "z")
+        case = line_start(_solve(x, t), t, _gradient, _hessian)
+        hint = "one Newton step is not enough: repeat until the residual is small"
+        wrong = {**case.wrong, hint: _solve(x, t, steps=1)}
+        yield replace(case, given=(_gradient, _hessian, x, t), wrong=wrong, tolerance=1e-4)
 
 
 @table("hw3.ofm_loss")

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Generator, Tensor
 
-from cotlearn.homework.checks.common import Case, Cases, one_of_two, table
+from cotlearn.homework.checks.common import Case, Cases, one_of_two, table, velocity_field
 from cotlearn.homework.registry import NotYet
 
 
@@ -21,8 +21,7 @@ def interpolate(g: Generator) -> Cases:
         place = (1 - s) * x0 + s * x1
         wrong = {"the ends are swapped: at t = 0 the place is x0, the noise": s * x0 + (1 - s) * x1}
         if n == d:
-            hint = "t belongs to rows: in a square batch t without [:, None] is applied to columns"
-            wrong[hint] = (1 - t) * x0 + t * x1
+            wrong["t belongs to rows: in a square batch t[:, None], not t"] = (1 - t) * x0 + t * x1
         hint = "the place is not on the line: it is (1 - t) x0 + t x1"
         read = one_of_two(0, (n, d), "the place", two)
         yield Case((x0, x1, t), place, wrong, hint, read=read)
@@ -63,7 +62,7 @@ def midpoint() -> Cases:
 
     def velocity(t: Any, x: Tensor) -> Tensor:
         calls.append(t)
-        return _field(t, x)
+        return velocity_field(t, x)
 
     def otherwise(found: Tensor) -> str:
         if len(calls) != nfe:
@@ -90,16 +89,11 @@ def midpoint() -> Cases:
         raise NotYet(otherwise(right))
 
 
-def _field(t: Any, x: Tensor) -> Tensor:
-    t = torch.as_tensor(t)
-    return torch.cos(3 * x) + 2 * (t[:, None] if t.ndim == 1 else t) * x
-
-
 def _heun(x: Tensor, steps: int) -> Tensor:
     h = 1 / steps
     for k in range(steps):
-        first = _field(k * h, x)
-        x = x + h / 2 * (first + _field((k + 1) * h, x + h * first))
+        first = velocity_field(k * h, x)
+        x = x + h / 2 * (first + velocity_field((k + 1) * h, x + h * first))
     return x
 
 
@@ -109,6 +103,6 @@ def _midpoint(
     """The rule, and with other options the mistakes one can make in it (0, 0: Euler)."""
     h = 1 / steps
     for k in range(steps):
-        half = x + trial * h * _field(k * h, x)
-        x = (x if back else half) + h * _field((k + late) * h, half)
+        half = x + trial * h * velocity_field(k * h, x)
+        x = (x if back else half) + h * velocity_field((k + late) * h, half)
     return x

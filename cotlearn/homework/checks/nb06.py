@@ -22,29 +22,35 @@ def start_of_line() -> Cases:
     """(1 - t) z + t slope(z) = x, to four digits."""
     for t in (0.5, 0.3, 1.0, 0.0):
         for slope, curvature in CONVEX:
-            yield _start(t, slope, curvature)
+            yield line_start(torch.linspace(-1.5, 1.5, 7), t, slope, curvature)
 
 
-def _start(t: float, slope: Function, curvature: Function) -> Case:
+def line_start(z: Tensor, t: float, slope: Function, curvature: Any) -> Case:
+    """Where a line that passes x at time t starts: the z with (1 - t) z + t slope(z) = x."""
+
+    def left(z: Tensor, t: float = t) -> Tensor:
+        return (1 - t) * z + t * slope(z)
+
     def read(value: Any) -> Tensor:
         value = value.nan_to_num(1e9) if isinstance(value, Tensor) else value
-        return tensor(value, (7,), "z, like x,")
+        return tensor(value, tuple(z.shape), "z, like x,")
 
     def otherwise(found: Tensor) -> str:
-        off = float(((1 - t) * found + t * slope(found) - x).abs().max())
+        off = float((left(found) - x).abs().max())
+        newton = "divide by the derivative of the left side, (1 - t) + t curvature(z)"
         if not off <= 1:
-            return f"the steps run away: {newton}"
+            return f"the steps run away: look at the sign of the step, and {newton}"
         return f"at t = {t} the two sides still differ by {off:.2g}: take more steps, and {newton}"
 
-    newton = "divide by the derivative of the whole left side, (1 - t) + t curvature(z)"
-    z = torch.linspace(-1.5, 1.5, 7)
-    x = (1 - t) * z + t * slope(z)
+    x = left(z)
     wrong = {
         "that is x itself, where the line is at time t; where did it start?": x,
         "that is slope(z), where the line ends; return z": slope(z),
         "that is the velocity slope(z) - z; return z": slope(z) - z,
-        "you solved slope(z) = x, which is the case t = 1": lambda found: same(slope(found), x),
-        "t and 1 - t are swapped": lambda found: same((1 - t) * slope(found) + t * found, x),
+        "the (1 - t) z is missing: you solved slope(z) = x": lambda found: same(slope(found), x),
+        "t and 1 - t are swapped": lambda found: same(left(found, 1 - t), x),
+        "that goes forward; the z that leads to x is asked for": slope(x),
+        "that goes forward, from z to x; solve the equation for z": left(x),
     }
     return Case((x, t, slope, curvature), z, wrong, otherwise, read=read, tolerance=1e-3)
 

@@ -17,7 +17,7 @@ def verdict() -> Cases:
     margin = np.array([0.02] * 8 + [0.05])
     cases = list(zip(low.tolist(), high.tolist(), margin.tolist(), strict=True))
 
-    def words(low: Array, high: Array, margin: Array) -> list[str]:
+    def words(low: Array, high: Array, margin: Array | float) -> list[str]:
         rest = np.where(high < -margin, "refuted", "open")
         return [str(word) for word in np.where(low > -margin, "shown", rest)]
 
@@ -36,18 +36,13 @@ def verdict() -> Cases:
 
     right, middle = words(low, high, margin), (low + high) / 2
     around_0 = ["open" if a < 0 < b else word for (a, b, _), word in zip(cases, right, strict=True)]
+    swapped = words(high, low, margin)
     never_open = ["shown" if a > -m else "refuted" for a, _, m in cases]
     wrong = {
-        "that compares with 0; a loss below the margin is allowed: use -margin": (
-            words(low, high, 0 * margin)
-        ),
-        "that asks for a gain of more than the margin: the line lies at -margin": (
-            words(low, high, -margin)
-        ),
+        "that compares with 0; a loss below the margin will do: use -margin": words(low, high, 0),
+        "that asks for a gain above the margin: the line is -margin": words(low, high, -margin),
         "an interval may contain 0 and still lie above -margin: then it is shown": around_0,
-        "the whole interval has to lie above -margin: the lower end decides": (
-            words(high, low, margin)
-        ),
+        "all of the interval must lie above -margin: the lower end decides": swapped,
         "the middle says nothing of how sure we are: use both ends": words(middle, middle, margin),
         "an interval that contains -margin decides nothing: that is 'open'": never_open,
     }

@@ -20,9 +20,7 @@ def damped_step() -> Cases:
             "damping is lambda itself, do not square it": _damped(J, e, damping**2),
             "damping goes on the diagonal alone: damping * np.eye(len(jacobian))": everywhere,
             "the system (J J^T + damping I) is still to be solved": J.T @ e,
-            "multiplied by J J^T + damping I, where its inverse is needed: np.linalg.solve": (
-                J.T @ square @ e
-            ),
+            "J J^T + damping I multiplies; its inverse must: np.linalg.solve": J.T @ square @ e,
         }
         hint = "not the minimiser of |J dq - e|^2 + damping |dq|^2"
         yield Case((J, e, damping), right, wrong, hint, "the change of joints")
@@ -36,22 +34,16 @@ def between_share() -> Cases:
         means = 5 + spread * rng.normal(size=(conditions, 1, 2))
         paths = means + rng.normal(size=(conditions, draws, 2)) * (1.0, 0.5)
         rows = paths.reshape(-1, 2)
-        by_condition, total = paths.var(axis=1, ddof=1), rows.var(axis=0).sum()
-        within = by_condition.sum(axis=-1).mean()
-        over_conditions = paths.var(axis=0, ddof=1).sum(axis=-1).mean()
+        each, total = paths.var(axis=1, ddof=1), rows.var(axis=0).sum()
+        within, biased = each.sum(axis=-1).mean(), paths.var(axis=1).sum(axis=-1).mean()
+        over = paths.var(axis=0, ddof=1).sum(axis=-1).mean()
         wrong = {
             "that is the share within; the rest lies between": within / total,
             "within a condition divide by draws - 1: var(..., ddof=1); the variance of the "
-            "conditions' means counts part of the variance within, too": (
-                1 - paths.var(axis=1).sum(axis=-1).mean() / total
-            ),
-            "that is the variance over conditions; within goes over the draws, axis 1": (
-                1 - over_conditions / total
-            ),
+            "conditions' means counts part of the variance within, too": 1 - biased / total,
+            "that is over conditions; within goes over the draws, axis 1": 1 - over / total,
             "the total is about the rows' mean": 1 - within / (rows**2).sum(axis=1).mean(),
-            "sum the variances of the d columns in both, average over conditions only": (
-                1 - by_condition.mean() / total
-            ),
+            "sum the variances of the columns, average over conditions": 1 - each.mean() / total,
         }
         by_rows = 1 - within / rows.var(axis=0, ddof=1).sum()  # rows - 1 will do
         hint = f"expected {1 - within / total:.4g} for paths of shape {paths.shape}"

@@ -21,12 +21,8 @@ def place(g: Generator) -> Cases:
         wrong = {
             "y and x have changed places: columns are x, rows are y": right.flip(1),
             "that is the strongest cell; its place jumps, and nothing can be learned by it": hard,
-            "the values are not shares yet: softmax makes them positive and sum to 1": (
-                _mean(h, x, y)
-            ),
-            "the shares of each grid sum to 1 by themselves: softmax over its cells only": (
-                _mean(of_all, x, y)
-            ),
+            "these are not shares yet: softmax makes them positive with sum 1": _mean(h, x, y),
+            "the shares of each grid sum to 1: softmax over its cells only": _mean(of_all, x, y),
             "count places from -1 (left, top) to 1 (right, bottom)": cells,
         }
         hint = "these are not the mean places of the softmax"
@@ -42,17 +38,14 @@ def components(g: Generator) -> Cases:
     """(pixels - mean) basis^T, with the mean that was fitted."""
     pixels, mean = torch.rand(6, 20, generator=g), torch.rand(20, generator=g)
     basis = torch.linalg.qr(torch.randn(20, 3, generator=g)).Q.T.contiguous()
+    centred = pixels - pixels.mean(dim=0)
     wrong = {
         "that centres by the batch's own mean, the slip of the published code: the same picture "
-        "would have other components in another batch; use the fitted mean": (
-            (pixels - pixels.mean(dim=0)) @ basis.T
-        ),
+        "would have other components in another batch; use the fitted mean": centred @ basis.T,
         "subtract the fitted mean first": pixels @ basis.T,
         "the mean is subtracted, not added": (pixels + mean) @ basis.T,
         "pixels minus mean, not mean minus pixels": (mean - pixels) @ basis.T,
-        "every pixel has a mean of its own: subtract the whole vector": (
-            (pixels - mean[:1]) @ basis.T
-        ),
+        "every pixel has its own mean: subtract the whole vector": (pixels - mean[:1]) @ basis.T,
     }
     hint = "these are not the components of the centred pixels"
     right = (pixels - mean) @ basis.T

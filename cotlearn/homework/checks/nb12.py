@@ -51,12 +51,8 @@ def guided(g: torch.Generator) -> Cases:
     step = with_label - without
     for scale in (2.5, 1.0, 0.0):
         wrong = {
-            "this is scale + 1: at scale 1 it must be the velocity with the label": (
-                with_label + scale * step
-            ),
-            "scale 1 is the velocity with the label, and 0 the one without": (
-                with_label - scale * step
-            ),
+            "this is scale + 1: scale 1 is the velocity with the label": with_label + scale * step,
+            "scale 1 is the velocity with the label, 0 without": with_label - scale * step,
             "the velocity without the label is needed, too": scale * with_label,
             "it is the difference of the two that is scaled": without + scale * with_label,
         }

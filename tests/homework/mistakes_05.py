@@ -1,11 +1,6 @@
-"""The mistakes that learners make in notebook 05 get a sentence that helps."""
+"""Wrong answers to the exercises of notebook 05, words of their hints, right ones."""
 
-from __future__ import annotations
-
-import pytest
 import torch
-
-from cotlearn.homework import Verdict, check
 
 
 def raised(errors, fraction, boost, *, descending=False, others=1.0, more=0):
@@ -28,7 +23,7 @@ def changes_errors(errors, fraction, boost):
     return errors
 
 
-WRONG = [
+MISTAKES = [
     ("05.pair_weights", raised, "divide by the mean"),
     ("05.pair_weights", mean_one(descending=True), "highest error"),
     ("05.pair_weights", mean_one(others=0.0), "top-k"),
@@ -52,11 +47,4 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("name", "answer", "hint"), WRONG)
-def test_a_mistake_gets_a_hint(name, answer, hint, capsys):
-    assert check(answer, name) is Verdict.NOT_YET
-    assert hint in capsys.readouterr().out
-
-
-def test_numbers_of_any_kind_count():
-    assert check(lambda B, K: torch.tensor(B * (1 + K)), "05.evaluations") is Verdict.CORRECT
+RIGHT = [("05.evaluations", lambda B, K: torch.tensor(B * (1 + K)))]

@@ -1,11 +1,6 @@
-"""The mistakes that learners make in notebook 06 get a sentence that helps."""
+"""Wrong answers to the exercises of notebook 06, words of their hints, right ones."""
 
-from __future__ import annotations
-
-import pytest
 import torch
-
-from cotlearn.homework import Verdict, check
 
 
 def newton(x, t, slope, curvature, *, stay=None, derivative=None, steps=60):
@@ -55,11 +50,11 @@ def half_square(a, b, x0, x1):
     return (a * x0 + b - x1) ** 2 / 2
 
 
-WRONG = [
+MISTAKES = [
     ("06.start_of_line", lambda x, t, slope, curvature: x, "where did it start"),
     ("06.start_of_line", the_end, "where the line ends"),
     ("06.start_of_line", the_velocity, "velocity"),
-    ("06.start_of_line", whole_slope, "the case t = 1"),
+    ("06.start_of_line", whole_slope, "(1 - t) z is missing"),
     ("06.start_of_line", lambda x, t, s, c: swapped(x, t, s, c), "swapped"),
     ("06.start_of_line", three_steps, "more steps"),
     ("06.start_of_line", curvature_twice, "run away"),
@@ -97,12 +92,6 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("name", "answer", "hint"), WRONG)
-def test_a_mistake_gets_a_hint(name, answer, hint, capsys):
-    assert check(answer, name) is Verdict.NOT_YET
-    assert hint in capsys.readouterr().out
-
-
 def by_bisection(x, t, slope, curvature):
     low, high = torch.full_like(x, -50), torch.full_like(x, 50)
     for _ in range(60):
@@ -116,14 +105,9 @@ def n_rows(mapped, truth):
     return 100 * squares(mapped, truth) / truth.var(dim=0, unbiased=False).sum()
 
 
-@pytest.mark.parametrize(
-    ("name", "answer"),
-    [
-        ("06.start_of_line", newton),
-        ("06.start_of_line", by_bisection),
-        ("06.uvp", n_rows),
-        ("06.gap", lambda a, b, x0, x1: torch.tensor(half_square(a, b, x0, x1) / a)),
-    ],
-)
-def test_other_right_answers_count(name, answer):
-    assert check(answer, name) is Verdict.CORRECT
+RIGHT = [
+    ("06.start_of_line", newton),
+    ("06.start_of_line", by_bisection),
+    ("06.uvp", n_rows),
+    ("06.gap", lambda a, b, x0, x1: torch.tensor(half_square(a, b, x0, x1) / a)),
+]
