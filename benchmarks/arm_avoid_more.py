@@ -19,13 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from cells import RESULTS, Table
+from cells import opened
 
-from cotlearn.policies.comparison.choice import with_choice
-from cotlearn.policies.comparison.scores import held_out_score
-from cotlearn.policies.policy import FlowSampler
+from cotlearn.policies.comparison import held_out_score, with_choice
 from cotlearn.policies.rollout import FRESH, rollout
+from cotlearn.policies.samplers import FlowSampler
 from cotlearn.policies.settings import SETTINGS
 from cotlearn.policies.training import train
 from cotlearn.robots.episodes import read, split
@@ -48,15 +46,10 @@ RECORDING = Path(__file__).resolve().parents[1] / "build" / "arm_avoid_16000_dem
 
 def main() -> None:
     """Fills the table."""
-    torch.set_num_threads(1)
     RECORDING.parent.mkdir(exist_ok=True)
     record(RECORDING, SETTING["task"], episodes=SETTING["recorded"], seed=SETTING["seed"])
     episodes = read(RECORDING)
-    table = Table(
-        RESULTS / "arm_avoid_more.json",
-        question="Do more demonstrations, or a longer training, open the gaps?",
-        protocol=SETTING,
-    )
+    table = opened("Do more demonstrations, or a longer training, open the gaps?", SETTING)
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
         held_out, seed = SETTING["held_out"], SETTING["seed"]

@@ -13,17 +13,15 @@ Needs `pip install torchcfm` (with --no-deps it installs nothing else).
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import ot
 import torch
-from cells import RESULTS, Table
+from cells import opened
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 from torch import Tensor
@@ -125,14 +123,9 @@ def summary(cells: list[dict[str, Any]]) -> dict[str, float]:
 
 def main() -> None:
     """Fill the table and print the summary."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--output", type=Path, default=RESULTS / "assignment.json")
-    arguments = parser.parse_args()
-    torch.set_num_threads(1)
-    table = Table(
-        arguments.output,
-        question="How fast is exact minibatch pairing beside torchcfm, SciPy and POT?",
-        protocol={"condition_weight": WEIGHT, "rounds": {str(k): v for k, v in ROUNDS.items()}},
+    table = opened(
+        "How fast is exact minibatch pairing beside torchcfm, SciPy and POT?",
+        {"condition_weight": WEIGHT, "rounds": {str(k): v for k, v in ROUNDS.items()}},
     )
     keys = [
         {"rows": rows, "dim": dim, "target": target, "weight": weight}

@@ -19,11 +19,10 @@ from __future__ import annotations
 import argparse
 import functools
 import math
-from pathlib import Path
 from typing import Any
 
 import torch
-from cells import RESULTS, Table
+from cells import opened
 
 from cotlearn.couplings import (
     AdaptiveConditionalOT,
@@ -221,15 +220,11 @@ def main() -> None:
     """Fill the table and print it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--full", action="store_true", help="the published protocol: about a day")
-    parser.add_argument("--output", type=Path)
-    options = parser.parse_args()
-    torch.set_num_threads(1)
+    options, _ = parser.parse_known_args()
     setting = FULL if options.full else REDUCED
-    output = options.output or RESULTS / ("c2ot_full.json" if options.full else "c2ot.json")
-    table = Table(
-        output,
-        question=__doc__.splitlines()[0],
-        protocol={
+    table = opened(
+        __doc__,
+        {
             **setting,
             "full": options.full,
             "aligned_full_batch_size": 64,
@@ -240,6 +235,8 @@ def main() -> None:
             "no_cell": NO_CELL,
             "published": PUBLISHED,
         },
+        parser=parser,
+        name="c2ot_full" if options.full else "c2ot",
     )
     keys = [
         {"condition": condition, "method": method, "seed": seed}

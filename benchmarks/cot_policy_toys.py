@@ -13,12 +13,10 @@ step. An interrupted run goes on.
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
 from typing import Any
 
 import torch
-from cells import RESULTS, Table
+from cells import opened
 
 from cotlearn.couplings import ConditionalOT, Coupling, Independent, KMeansCondition, MinibatchOT
 from cotlearn.flows import VelocityMLP, fit, sampler
@@ -96,15 +94,7 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Fill the table and print it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--output", type=Path, default=RESULTS / "cot_policy_toys.json")
-    options = parser.parse_args()
-    torch.set_num_threads(1)
-    table = Table(
-        options.output,
-        question=__doc__.splitlines()[0],
-        protocol={**SETTING, "small_batch": SMALL, "published": PUBLISHED},
-    )
+    table = opened(__doc__, {**SETTING, "small_batch": SMALL, "published": PUBLISHED})
     keys = [
         {"toy": toy, "method": method, "seed": seed}
         for seed in range(SETTING["seeds"])

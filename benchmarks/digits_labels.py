@@ -14,27 +14,21 @@ another.
 from __future__ import annotations
 
 import argparse
-import importlib.metadata
 import itertools
-import json
 import math
-import os
-import platform
-import re
-import shlex
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import torch
+from cells import COMMAND, RESULTS
 
 from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, StratifiedOT
 from cotlearn.datasets import Dataset, digits
 from cotlearn.flows import VelocityMLP, fit, sampler
 from cotlearn.metrics import energy_distance, squared_w2
-from cotlearn.storage import atomic_path
+from cotlearn.results import machine, read_json, write_json
 
 NFE = (1, 2, 4, 8, 16, 32, 64)
 SETTINGS = {  # the first is what notebook 03 repeats live
@@ -43,7 +37,6 @@ SETTINGS = {  # the first is what notebook 03 repeats live
 }
 DRAWS = 10  # sets of generated images that a score is averaged over
 METRICS = {"energy_distance": energy_distance, "squared_w2": squared_w2}
-ROOT = Path(__file__).resolve().parents[1]
 COUPLINGS: dict[str, Callable[[], Coupling]] = {
     "independent": Independent,
     "minibatch_ot": MinibatchOT,
@@ -89,15 +82,6 @@ def row(coupling: Any, setting: dict[str, int], seed: int) -> dict[str, Any]:
     }
 
 
-def write(path: Path, document: dict[str, Any]) -> None:
-    """Write JSON atomically, innermost lists of numbers on one line."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(document, indent=1)
-    text = re.sub(r"\[[^\[\]{}\"]*\]", lambda found: " ".join(found[0].split()), text)
-    with atomic_path(path) as part:
-        part.write_text(text + "\n", encoding="utf-8")
-
-
 def kept(stored: dict[str, Any], name: str, setting: dict[str, int]) -> list[dict[str, Any]]:
     """The rows of a stored table, if they were made with these settings."""
     table = stored.get("tables", {}).get(name)
@@ -113,16 +97,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--long-seeds", type=int, default=3)
-    parser.add_argument(
-        "--output", type=Path, default=ROOT / "data" / "results" / "digits_labels.json"
-    )
+    parser.add_argument("--output", type=Path, default=RESULTS / "digits_labels.json")
     options = parser.parse_args()
     torch.set_num_threads(1)
     train, held_out = digits("train"), digits("test")
-    stored = json.loads(options.output.read_text("utf-8")) if options.output.exists() else {}
+    stored = read_json(options.output) if options.output.exists() else {}
     document: dict[str, Any] = {
         "question": __doc__.splitlines()[0],
-        "command": shlex.join(["python", "benchmarks/digits_labels.py", *sys.argv[1:]]),
+        "command": COMMAND,
         "seeds": {"short": options.seeds, "long": options.long_seeds},
         "nfe": NFE,
         "floor": stored.get("floor") or score(train.sample_given, held_out, seed=0),
@@ -130,11 +112,7 @@ def main() -> None:
             name: {"setting": setting, "rows": kept(stored, name, setting)}
             for name, setting in SETTINGS.items()
         },
-        "versions": {
-            "python": platform.python_version(),
-            **{n: importlib.metadata.version(n) for n in ("torch", "numpy", "scipy", "POT")},
-        },
-        "machine": f"one of {os.cpu_count()} CPU cores of a shared server, {platform.machine()}",
+        **machine("POT"),
     }
     before = stored.get("cpu_seconds", 0)
     for name, setting in SETTINGS.items():
@@ -146,7 +124,7 @@ def main() -> None:
             last = sum(rows[-1]["energy_distance"][-1]) / 10
             print(f"{name} seed {seed} {coupling}: {last:.3f} at NFE 64", flush=True)
             document["cpu_seconds"] = before + round(time.process_time())
-            write(options.output, document)
+            write_json(options.output, document)
 
 
 if __name__ == "__main__":

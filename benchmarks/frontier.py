@@ -19,14 +19,8 @@ digits have a file of their own: `--data digits --output data/results/frontier_d
 from __future__ import annotations
 
 import argparse
-import importlib.metadata
 import json
 import math
-import os
-import platform
-import re
-import shlex
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -35,6 +29,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from cells import COMMAND, RESULTS
 from scipy.stats import rankdata
 from torch import Tensor
 
@@ -52,9 +47,8 @@ from cotlearn.flows import VelocityMLP, fit, integrate
 from cotlearn.gaussian import LinearGaussian
 from cotlearn.metrics import joint_squared_w2
 from cotlearn.mixtures import fork, moons, moving_modes, petals, rotating_pair
-from cotlearn.storage import atomic_path
+from cotlearn.results import machine, read_json, write_json
 
-ROOT = Path(__file__).resolve().parents[1]
 DEVELOPMENT = ("petals", "fork")
 HELD_OUT = ("moving_modes", "rotating_pair", "moons_x", "moons_class", "linear_gaussian")
 EXTRA = ("digits",)  # 64 dimensions; not among the defaults, and not held out
@@ -259,14 +253,6 @@ def _interval(values: Sequence[float]) -> list[float]:
     return [round(float(v), 3) for v in np.nanquantile(values, [0.025, 0.975])]
 
 
-def write(path: Path, document: dict[str, Any]) -> None:
-    """Write JSON atomically, innermost lists of numbers on one line."""
-    text = json.dumps(_rounded(document), indent=1)
-    text = re.sub(r"\[[^\[\]{}\"]*\]", lambda found: " ".join(found[0].split()), text)
-    with atomic_path(path) as part:
-        part.write_text(text + "\n", encoding="utf-8")
-
-
 def _rounded(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: _rounded(v) for k, v in value.items()}
@@ -280,13 +266,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--data", nargs="+", default=[*DEVELOPMENT, *HELD_OUT], metavar="NAME")
-    parser.add_argument("--output", type=Path, default=ROOT / "data" / "results" / "frontier.json")
+    parser.add_argument("--output", type=Path, default=RESULTS / "frontier.json")
     options = parser.parse_args()
     torch.set_num_threads(1)
     setting = {**SETTING, "seeds": list(range(options.seeds)), "nfe": list(NFE)}
     document: dict[str, Any] = {"cells": [], "floors": {}, "cpu_seconds": 0}
     if options.output.exists():
-        stored = json.loads(options.output.read_text(encoding="utf-8"))
+        stored = read_json(options.output)
         document = stored if stored["setting"] == setting else document
     before = document["cpu_seconds"]
     started = time.process_time()
@@ -310,10 +296,10 @@ def main() -> None:
             document["cells"].append(cell)
             document["setting"] = setting
             document["cpu_seconds"] = round(before + time.process_time() - started)
-            write(options.output, document)
+            write_json(options.output, _rounded(document))
             print(f"{name}, {label}: {np.mean(cell['errors'], axis=0).round(3)}", flush=True)
     document.update(_about(document, setting, before + time.process_time() - started))
-    write(options.output, document)
+    write_json(options.output, _rounded(document))
     print(json.dumps(document.get("held_out", {}), indent=1))
 
 
@@ -321,7 +307,7 @@ def _about(document: dict[str, Any], setting: dict[str, Any], seconds: float) ->
     """All of the document but the cells; correlations of the data sets that are complete."""
     about: dict[str, Any] = {
         "question": __doc__.splitlines()[0],
-        "command": shlex.join(["python", "benchmarks/frontier.py", *sys.argv[1:]]),
+        "command": COMMAND,
         "rules": RULES,
         "setting": setting,
     }
@@ -331,11 +317,7 @@ def _about(document: dict[str, Any], setting: dict[str, Any], seconds: float) ->
             about[part] = correlations(cells, document["floors"])
     return {
         **about,
-        "versions": {
-            "python": platform.python_version(),
-            **{n: importlib.metadata.version(n) for n in ("torch", "numpy", "scipy", "POT")},
-        },
-        "machine": f"one of {os.cpu_count()} CPU cores of a shared server, {platform.machine()}",
+        **machine("POT"),
         "cpu_seconds": round(seconds),
     }
 

@@ -15,14 +15,12 @@ a label over that of the data.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import torch
-from cells import RESULTS, Table
+from cells import opened
 from torch import Tensor
 
 from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT
@@ -95,11 +93,7 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Fill the table and print the best scale of each coupling."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--output", type=Path, default=RESULTS / "guidance.json")
-    options = parser.parse_args()
-    torch.set_num_threads(1)
-    table = Table(options.output, question=__doc__.splitlines()[0], protocol=SETTING)
+    table = opened(__doc__, SETTING)
     table.fill(
         [
             {"labels": labels, "coupling": coupling, "seed": seed}

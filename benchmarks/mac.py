@@ -24,14 +24,12 @@ writes data/results/mac.json. An interrupted run goes on.
 
 from __future__ import annotations
 
-import argparse
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import torch
-from cells import RESULTS, Table
+from cells import opened
 from torch import Tensor
 
 from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, ModelAligned
@@ -180,15 +178,7 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Fill the table and print it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--output", type=Path, default=RESULTS / "mac.json")
-    options = parser.parse_args()
-    torch.set_num_threads(1)
-    table = Table(
-        options.output,
-        question=__doc__.splitlines()[0],
-        protocol={**SETTING, "nfe": NFE, "warmup_steps": WARMUP, "spread": SPREAD},
-    )
+    table = opened(__doc__, {**SETTING, "nfe": NFE, "warmup_steps": WARMUP, "spread": SPREAD})
     parts = {"equal": METHODS, "unequal": METHODS, "petals": ON_PETALS}
     keys = [
         {"data": data, "method": method, "seed": seed}

@@ -28,12 +28,11 @@ where the short budget does not show what they can reach. An interrupted run goe
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from cells import RESULTS, Table
+from cells import opened
 from torch import Tensor
 
 from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT, Pairs, Reflow
@@ -243,13 +242,11 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
 def main() -> None:
     """Fill the table and print it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--output", type=Path)
     budget = parser.add_mutually_exclusive_group()
     for name, (times, *_) in MORE_STEPS.items():
         word = f"{times} times as many steps"
         budget.add_argument(f"--{name}", action="store_const", const=name, dest="more", help=word)
-    options = parser.parse_args()
-    torch.set_num_threads(1)
+    options, _ = parser.parse_known_args()
     methods = {
         name: CONDITIONAL if name.startswith("conditional") else UNCONDITIONAL for name in STEPS
     }
@@ -257,10 +254,11 @@ def main() -> None:
         times, problems, few = MORE_STEPS[options.more]
         methods = dict.fromkeys(problems, few)
         STEPS.update({name: times * steps for name, steps in STEPS.items()})
-    table = Table(
-        options.output or RESULTS / f"l2_uvp{f'_{options.more}' if options.more else ''}.json",
-        question=__doc__.splitlines()[0],
-        protocol={**SETTING, "steps": STEPS, "nfe": NFE},
+    table = opened(
+        __doc__,
+        {**SETTING, "steps": STEPS, "nfe": NFE},
+        parser=parser,
+        name=f"l2_uvp_{options.more}" if options.more else "l2_uvp",
     )
     keys = [
         {"problem": name, "method": method, "seed": seed}

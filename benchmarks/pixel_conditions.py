@@ -14,24 +14,23 @@ writes data/results/pixel_conditions.json. An interrupted run goes on.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 import torch
-from cells import RESULTS, Table
+from cells import opened
 from short_training import train_and_roll
 from torch import Tensor
 
 from cotlearn.assets import find_data
 from cotlearn.couplings import Coupling, EmbeddedClusters, KMeansCondition, Transformed
-from cotlearn.datasets import Dataset
 from cotlearn.policies.camera import CameraNetwork, SeenFromT
-from cotlearn.policies.pixels import CameraOptions
+from cotlearn.policies.methods import Method, find_method
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.settings import SETTINGS
-from cotlearn.policies.windows import Windows
-from cotlearn.robots.episodes import read, split
+from cotlearn.policies.training import Options
+from cotlearn.robots.episodes import Episodes, read, split
 from cotlearn.robots.push_t.camera import Camera
 from cotlearn.robots.push_t.frames import BodyFrame
 
@@ -64,40 +63,24 @@ class StateFromT:
         return torch.from_numpy(seen).flatten(1).to(c)
 
 
-@dataclass(frozen=True)
-class Sight(CameraOptions):
-    """Options with what the coupling sees, and from where.
+def method_of(key: dict[str, Any], options: Options, training: Episodes) -> Method:
+    """The method of a cell, whose coupling is given what the cell says."""
+    method = find_method(key["method"])
+    windows = options.windows(training)
+    camera = options.camera.camera(windows)
+    clusters = None
+    if key["sees"] in ("state", "features"):
+        view = StateFromT(camera) if key["sees"] == "state" else features
+        clusters = EmbeddedClusters(view, KMeansCondition(options.clusters))
+        clusters.fit(windows.dataset(training, label=options.label).c)
+        method = replace(method, pictures=None)
+    turn = SeenFromT(camera)
 
-    Attributes:
-        sees: "pixels", "features", "state" or "nothing".
-        seen_from: "world" or "T".
-    """
+    def coupling(options: Options, pictures: EmbeddedClusters | None) -> Coupling:
+        made = find_method(key["method"]).coupling(options, clusters or pictures)
+        return Transformed(made, turn.to_frame, turn.from_frame) if key["frame"] == "T" else made
 
-    sees: str = "pixels"
-    seen_from: str = "world"
-
-    def condition_of(
-        self, method: str, data: Dataset, windows: Windows | None = None
-    ) -> EmbeddedClusters | None:
-        """Clusters of what is seen."""
-        assert windows is not None
-        if self.sees in ("pixels", "nothing"):
-            return super().condition_of(method, data, windows)
-        assert data.c is not None
-        assert self.clusters is not None
-        view = StateFromT(self.camera(windows)) if self.sees == "state" else features
-        return EmbeddedClusters(view, KMeansCondition(self.clusters)).fit(data.c)
-
-    def coupling_of(
-        self, method: str, seen: EmbeddedClusters | None = None, windows: Windows | None = None
-    ) -> Coupling:
-        """In the frame of the T, if asked."""
-        coupling = super().coupling_of(method, seen, windows)
-        if self.seen_from == "world":
-            return coupling
-        assert windows is not None
-        turn = SeenFromT(self.camera(windows))
-        return Transformed(coupling, turn.into, turn.out)
+    return replace(method, coupling=coupling)
 
 
 def features(c: Tensor) -> Tensor:
@@ -109,21 +92,18 @@ def features(c: Tensor) -> Tensor:
 
 def main() -> None:
     """Fills the table."""
-    torch.set_num_threads(1)
     training, _ = split(read(find_data("push_t_demos.npz")), held_out=SETTING["held_out"])
-    common = vars(SETTINGS["push-t-pixels"].options)
-    table = Table(
-        RESULTS / "pixel_conditions.json",
-        question=(__doc__ or "").splitlines()[0],
-        protocol={**SETTING, "options": common},
-    )
+    common = SETTINGS["push-t-pixels"].options
+    table = opened(__doc__ or "", {**SETTING, "options": asdict(common)})
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
-        finer = {name: key[name] for name in ("clusters",) if name in key}
-        options = Sight(**{**common, **finer}, sees=key["sees"], seen_from=key["frame"])
-        seed = key.get("seed", SETTING["seed"])
+        options = replace(common, clusters=key.get("clusters", common.clusters))
         return train_and_roll(
-            key["method"], training, options, seed=seed, rollouts=SETTING["rollouts"]
+            method_of(key, options, training),
+            training,
+            options,
+            seed=key.get("seed", SETTING["seed"]),
+            rollouts=SETTING["rollouts"],
         )
 
     table.fill(CELLS, compute)

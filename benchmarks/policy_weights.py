@@ -24,10 +24,12 @@ import torch
 from cotlearn.assets import data_folder, find_data
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.metrics import paired_bootstrap
-from cotlearn.policies.policy import ChunkPolicy, FlowSampler
+from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import rollout
+from cotlearn.policies.samplers import FlowSampler
 from cotlearn.policies.settings import SETTINGS
 from cotlearn.robots.episodes import read, split
+from cotlearn.robots.registry import find_task
 from cotlearn.storage import save_tensors
 
 METHODS = ("independent", "minibatch_ot", "stratified")
@@ -44,10 +46,10 @@ def main(setting: str, methods: tuple[str, ...]) -> None:
         ship_strata(setting, BUILD / name / f"stratified-{SEED}.safetensors")
     for method in methods:
         trained = BUILD / name / f"{method}-{SEED}.safetensors"
-        policy, about = ChunkPolicy.load_with_about(trained)
+        policy, about = ChunkPolicy.load_with_metadata(trained)
         shipped = data_folder() / "weights" / f"{name}_{method}.safetensors"
         record = {"coupling": method, "seed": SEED, "protocol": about["protocol"]}
-        policy.save(shipped, half=True, about=record)
+        policy.save(shipped, half=True, metadata=record)
         rounded = ChunkPolicy.load(shipped)
         print(f"{shipped.name}: {shipped.stat().st_size / 1e6:.2f} MB")
         for nfe in (1, 2):
@@ -56,10 +58,10 @@ def main(setting: str, methods: tuple[str, ...]) -> None:
 
 def ship_strata(setting: str, trained: Path) -> None:
     """Writes the fitted clusters of a stratified training, and the rows of some."""
-    policy, about = ChunkPolicy.load_with_about(trained)
+    policy, about = ChunkPolicy.load_with_metadata(trained)
     protocol = about["protocol"]
     training, _ = split(
-        read(find_data(SETTINGS[setting].demonstrations)),
+        read(find_data(find_task(SETTINGS[setting].task).demonstrations)),
         held_out=protocol["held_out"],
         train=protocol["train_episodes"],
     )

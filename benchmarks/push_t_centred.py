@@ -14,23 +14,22 @@ writes data/results/push_t_centred.json. An interrupted run goes on.
 from __future__ import annotations
 
 import itertools
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, replace
 from typing import Any
 
 import torch
-from cells import RESULTS, Table
+from cells import opened
 from push_t_strata import SETTING as STRATA
 from short_training import rolled
 from torch import Tensor
 
 from cotlearn.assets import find_data
-from cotlearn.couplings import Coupling, centred
+from cotlearn.couplings import StratifiedOT, centred
 from cotlearn.couplings.base import generator_for
-from cotlearn.couplings.conditions import EmbeddedClusters
 from cotlearn.diagnostics import linear_skew
-from cotlearn.policies.comparison.choice import seen_by
+from cotlearn.policies.comparison import seen_by
+from cotlearn.policies.methods import find_method
 from cotlearn.policies.training import Options, train
-from cotlearn.policies.windows import Windows
 from cotlearn.robots.episodes import read, split
 
 SETTING = {
@@ -62,43 +61,29 @@ class QuadraticMean:
         return (self.features(c) @ self.weights).float()
 
 
-@dataclass(frozen=True)
-class Quadratic(Options):
-    """Options whose couplings pair about a quadratic regression."""
-
-    mean: QuadraticMean = field(default_factory=QuadraticMean)
-
-    def coupling_of(
-        self, method: str, seen: EmbeddedClusters | None = None, windows: Windows | None = None
-    ) -> Coupling:
-        """That of the method, centred."""
-        return centred(super().coupling_of(method, seen, windows), self.mean)
-
-
 def main() -> None:
     """Fills the table."""
-    torch.set_num_threads(1)
     episodes = read(find_data("push_t_demos.npz"))
     training, _ = split(episodes, held_out=SETTING["held_out"])
-    table = Table(
-        RESULTS / "push_t_centred.json",
-        question="What does a regression, taken off before pairing, do for strata of any number?",
-        protocol=SETTING,
+    table = opened(
+        "What does a regression, taken off before pairing, do for strata of any number?",
+        SETTING,
     )
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
-        kind = Quadratic if key.get("mean") == "quadratic" else Options
-        options = kind(
+        options = Options(
             frame="body",
             steps=SETTING["steps"],
             batch_size=SETTING["batch_size"],
             clusters=key["clusters"],
         )
         data = seen_by(training, options)
-        assert data.c is not None
-        if isinstance(options, Quadratic):
-            options.mean.fit(data.x1, data.c)
-        method = "stratified" if isinstance(options, Quadratic) else key["method"]
+        method = find_method(key["method"])
+        if key.get("mean") == "quadratic":
+            mean = QuadraticMean()
+            mean.fit(data.x1, data.c)
+            coupling = centred(StratifiedOT(key["clusters"]), mean)
+            method = replace(method, coupling=lambda *_: coupling, prepare=None)
         trained = train(method, training, seed=SETTING["seed"], options=options)
         stream = trained.coupling.stream(
             data,

@@ -14,8 +14,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import torch
-from cells import RESULTS, Table
+from cells import opened
 from short_training import train_and_roll
 
 from cotlearn.assets import find_data
@@ -35,7 +34,7 @@ CHOICES: dict[str, dict[str, Any]] = {
     "as in the benchmark": {},
     "frame of the world": {"frame": "world"},
     "labels: noisy actions": {"label": "action"},
-    "3 in 10 times at t = 0": {"early": 0.3},
+    "3 in 10 times at t = 0": {"share_at_t0": 0.3},
     "scale: range": {"scale": "range"},
     "temporal U-Net": {"network": "unet"},
 }
@@ -43,13 +42,11 @@ CHOICES: dict[str, dict[str, Any]] = {
 
 def main() -> None:
     """Fills the table."""
-    torch.set_num_threads(1)
     episodes = read(find_data("push_t_demos.npz"))
     training, _ = split(episodes, held_out=SETTING["held_out"])
-    table = Table(
-        RESULTS / "push_t_choices.json",
-        question="What do the choices made before any coupling give on Push-T?",
-        protocol={**SETTING, "choices": CHOICES},
+    table = opened(
+        "What do the choices made before any coupling give on Push-T?",
+        {**SETTING, "choices": CHOICES},
     )
     common = Options(frame="body", steps=SETTING["steps"], batch_size=SETTING["batch_size"])
 

@@ -15,13 +15,14 @@ from dataclasses import asdict
 from typing import Any
 
 import torch
-from cells import RESULTS, Table
+from cells import opened
 from push_t_strata import CLUSTERS, EPISODES
 
 from cotlearn.assets import find_data
 from cotlearn.couplings.base import generator_for
 from cotlearn.diagnostics import linear_skew, prior_skew
-from cotlearn.policies.comparison.choice import seen_by
+from cotlearn.policies.comparison import seen_by
+from cotlearn.policies.methods import find_method
 from cotlearn.policies.training import Options
 from cotlearn.robots.episodes import read, split
 
@@ -32,12 +33,10 @@ EVERY = max(EPISODES)  #: all episodes that are not held out
 
 def main() -> None:
     """Fills the table."""
-    torch.set_num_threads(1)
     episodes = read(find_data("push_t_demos.npz"))
-    table = Table(
-        RESULTS / "push_t_skew.json",
-        question="Do skews that are computed before training foretell what couplings cost?",
-        protocol=SETTING,
+    table = opened(
+        "Do skews that are computed before training foretell what couplings cost?",
+        SETTING,
     )
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
@@ -45,10 +44,14 @@ def main() -> None:
         value = {key["option"]: key["value"]} if "option" in key else {}
         options = Options(frame="body", **value)
         data = seen_by(training, options)
-        stream = options.coupling_of(key["method"]).stream(
-            data,
-            batch_size=SETTING["batch_size"],
-            generator=generator_for(SETTING["seed"], 0),
+        stream = (
+            find_method(key["method"])
+            .coupling(options, None)
+            .stream(
+                data,
+                batch_size=SETTING["batch_size"],
+                generator=generator_for(SETTING["seed"], 0),
+            )
         )
         count = SETTING["rows"] // SETTING["batch_size"]
         pairs = list(itertools.islice(stream, count))

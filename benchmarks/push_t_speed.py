@@ -9,7 +9,6 @@ It needs gym-pusht 0.1.8 and shapely (see tests/robots/push_t_peer.py); times ar
 
 from __future__ import annotations
 
-import argparse
 import importlib.metadata
 import math
 import sys
@@ -19,8 +18,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import torch
-from cells import RESULTS, Table
+from cells import opened
 
 from cotlearn.robots.push_t import Simulation, coverage, random_state
 
@@ -46,14 +44,10 @@ PROTOCOL = {
 
 def main() -> None:
     """Fills the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--output", type=Path, default=RESULTS / "push_t_speed.json")
-    torch.set_num_threads(1)
-    table = Table(
-        parser.parse_args().output,
-        question="How many control steps do cotlearn/PushT-v0 and gym-pusht make in a CPU second "
+    table = opened(
+        "How many control steps do cotlearn/PushT-v0 and gym-pusht make in a CPU second "
         "on one thread, and how far apart are their states?",
-        protocol=PROTOCOL,
+        PROTOCOL,
     )
     keys = [
         {"what": what, "actions": actions}

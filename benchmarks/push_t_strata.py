@@ -14,8 +14,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import torch
-from cells import RESULTS, Table
+from cells import opened
 from short_training import train_and_roll
 
 from cotlearn.assets import find_data
@@ -39,12 +38,10 @@ CLUSTERS = (64, 1024, 8192)
 
 def main() -> None:
     """Fills the table."""
-    torch.set_num_threads(1)
     episodes = read(find_data("push_t_demos.npz"))
-    table = Table(
-        RESULTS / "push_t_strata.json",
-        question="How does the trade-off of conditional coupling move with data and strata?",
-        protocol=SETTING,
+    table = opened(
+        "How does the trade-off of conditional coupling move with data and strata?",
+        SETTING,
     )
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:

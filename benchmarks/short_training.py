@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from cotlearn.metrics import bootstrap_interval
-from cotlearn.policies.policy import FlowSampler
+from cotlearn.policies.methods import Method
 from cotlearn.policies.rollout import FRESH, rollout
+from cotlearn.policies.samplers import FlowSampler
 from cotlearn.policies.training import Options, Trained, train
 from cotlearn.robots.episodes import Episodes
 
@@ -14,7 +15,7 @@ SAMPLERS = tuple(FlowSampler(nfe) for nfe in (1, 2, 16))
 
 
 def train_and_roll(
-    method: str,
+    method: str | Method,
     training: Episodes,
     options: Options,
     *,

@@ -10,15 +10,13 @@ turns; the medians are reported.
 
 from __future__ import annotations
 
-import argparse
 import statistics
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import torch
-from cells import RESULTS, Table
+from cells import opened
 
 from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, StratifiedOT
 from cotlearn.datasets import Dataset
@@ -80,14 +78,9 @@ def measure(key: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Fill the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--output", type=Path, default=RESULTS / "training_overhead.json")
-    arguments = parser.parse_args()
-    torch.set_num_threads(1)
-    table = Table(
-        arguments.output,
-        question="How much longer does training take with a conditional coupling?",
-        protocol={
+    table = opened(
+        "How much longer does training take with a conditional coupling?",
+        {
             "rows": ROWS, "dim": DIM, "condition_dim": CONDITION_DIM, "steps": STEPS,
             "batch": BATCH, "rounds": ROUNDS,
         },

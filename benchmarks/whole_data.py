@@ -13,15 +13,13 @@ less the size before, data included; the resident size is Linux's or macOS's.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import torch
-from cells import RESULTS, Table
+from cells import opened
 
 from cotlearn.couplings import SemidiscreteOT, StratifiedOT
 from cotlearn.datasets import Dataset
@@ -108,14 +106,9 @@ def measure(key: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Fill the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--output", type=Path, default=RESULTS / "whole_data.json")
-    arguments = parser.parse_args()
-    torch.set_num_threads(1)
-    table = Table(
-        arguments.output,
-        question="What does it cost to pair with the whole data set instead of a batch?",
-        protocol={"dim": DIM, "condition_dim": CONDITION_DIM, "batch": BATCH},
+    table = opened(
+        "What does it cost to pair with the whole data set instead of a batch?",
+        {"dim": DIM, "condition_dim": CONDITION_DIM, "batch": BATCH},
     )
     keys: list[dict[str, Any]] = [{"coupling": "stratified", "rows": 100_000, "clusters": 1024}]
     for rows in (1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000):

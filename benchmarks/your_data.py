@@ -15,14 +15,12 @@ the arm's ring) before any of these networks was scored. All of it takes about 7
 
 from __future__ import annotations
 
-import argparse
 import functools
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from cells import RESULTS, Table
+from cells import opened
 
 from cotlearn.datasets import SKLEARN_TASKS, Dataset, sklearn_task
 from cotlearn.diagnostics import Recommendation, recommend
@@ -156,12 +154,8 @@ def judged(cells: list[dict[str, Any]]) -> dict[str, Any]:
 
 def main() -> None:
     """Fill the table, judge, print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--output", type=Path, default=RESULTS / "your_data.json")
-    options = parser.parse_args()
     torch.set_num_threads(1)
-    question = __doc__.splitlines()[0]
-    table = Table(options.output, question=question, protocol={**SETTING, "rules": RULES})
+    table = opened(__doc__, {**SETTING, "rules": RULES})
     keys: list[dict[str, Any]] = []
     for seed in range(int(SETTING["seeds"])):
         for name in SKLEARN_TASKS:

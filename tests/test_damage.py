@@ -12,7 +12,7 @@ import torch
 
 from cotlearn import assets
 from cotlearn.homework import submissions
-from cotlearn.policies.comparison.cells import _done
+from cotlearn.results import Folder
 from cotlearn.robots.episodes.npz import read_arrays, write_arrays
 from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.storage import load_tensors, save_tensors
@@ -72,7 +72,7 @@ def test_a_broken_cell_of_a_benchmark(tmp_path, content):
     path = tmp_path / "independent-0.json"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"independent-0\.json is damaged: delete it"):
-        _done(path, {})
+        Folder(tmp_path, {}).holds("independent-0")
 
 
 @pytest.mark.parametrize("place", [0, -1])

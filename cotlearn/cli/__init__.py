@@ -9,7 +9,7 @@ import sys
 
 import typer
 
-from cotlearn.cli import course, homework
+from cotlearn.cli import course, homework, policies
 from cotlearn.cli.bench import bench
 from cotlearn.cli.demos import demos
 from cotlearn.cli.report import report
@@ -25,8 +25,8 @@ app = typer.Typer(
 app.add_typer(course.app)
 app.add_typer(homework.app)
 app.command()(demos)
-app.command()(train)
-app.command()(bench)
+app.command(cls=policies.Command)(train)
+app.command(cls=policies.Command)(bench)
 app.command()(report)
 
 

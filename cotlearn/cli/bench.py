@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from cotlearn import assets
 from cotlearn.cli import policies
-from cotlearn.cli.terminal import console, stop, stop_interrupted
+from cotlearn.cli.terminal import console, reported
 
 
 @policies.with_options
@@ -41,25 +41,30 @@ def bench(
     Finished cells are skipped and an interrupted training resumes, so that the comparison can be
     completed in several goes, or by two runs side by side on different methods or seeds.
     """
-    torch, episode_files = policies.robots()
-    from cotlearn.policies import comparison
-
-    torch.set_num_threads(1)
-    short = name.replace("-", "_")
-    folder = folder or assets.course_folder() / "data" / "results" / short
+    short, root = name.replace("-", "_"), assets.checkout()
+    summary = summary or (folder and folder.with_suffix(".json"))
+    if folder is None:
+        folder = (root / "benchmarks" if root else Path()) / "results" / short
+        summary = summary or (root / "data" if root else Path()) / "results" / f"{short}.json"
+    assert summary is not None
     weights = weights or Path("build") / short
-    path = summary or folder.with_suffix(".json")
 
     def say(text: str) -> None:
         console.print(escape(text))
 
-    try:
+    with reported():
+        import torch
+
+        from cotlearn.policies import comparison
+        from cotlearn.robots.episodes import read
+
+        torch.set_num_threads(1)
         setting = policies.setting(name, options)
         if latency:
             comparison.measure_latency(folder, weights=weights, say=say)
         else:
             comparison.bench(
-                episode_files.read(policies.demonstrations(data, setting)),
+                read(policies.demonstrations(data, setting)),
                 folder=folder,
                 methods=[m.strip() for m in methods.split(",")] if methods else setting.methods,
                 seeds=policies.numbers(seeds, "seeds"),
@@ -72,9 +77,5 @@ def bench(
                 weights=weights,
                 say=say,
             )
-        comparison.summarise(folder, path, command=f"cotlearn bench {name}")
-    except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
-        stop(str(error))
-    except KeyboardInterrupt:
-        stop_interrupted()
-    console.print(f"summary: {escape(str(path))}")
+        comparison.summarise(folder, summary, command=f"cotlearn bench {name}")
+    console.print(f"summary: {escape(str(summary))}")

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from cotlearn.cli.terminal import console, stop, stop_interrupted, stop_missing
+from cotlearn import assets
+from cotlearn.cli.terminal import console, reported
 
 
 def demos(
@@ -33,39 +34,22 @@ def demos(
     Pictures of 96 x 96 need 2.4 MB of memory an episode: draw some hundreds at once.
     """
     out = out or Path(f"{task.replace('-', '_')}_demos.npz")
-    if task == "push-t-pixels":
-        _draw(out, episodes, size)
-        return
-    try:
-        from cotlearn.robots.experts.record import record
+    with reported():
+        if task == "push-t-pixels":
+            said = _draw(out, episodes, size)
+        else:
+            from cotlearn.robots.experts.record import record
 
-        about = record(out, task, episodes=episodes, seed=seed)
-    except ModuleNotFoundError as error:
-        stop_missing(error.name)
-    except (ImportError, ValueError) as error:  # a MuJoCo of the wrong version, another recording
-        stop(str(error))
-    except KeyboardInterrupt:
-        stop_interrupted()
-    console.print(
-        f"{escape(str(out))}: {about['episodes']} episodes, {about['replaced']} of them a second "
-        f"try, {out.stat().st_size / 1e6:.1f} MB"
-    )
+            about = record(out, task, episodes=episodes, seed=seed)
+            said = f"{about['episodes']} episodes, {about['replaced']} of them a second try"
+    console.print(f"{escape(str(out))}: {said}, {out.stat().st_size / 1e6:.1f} MB")
 
 
-def _draw(out: Path, episodes: int, size: int) -> None:
+def _draw(out: Path, episodes: int, size: int) -> str:
     """Writes pictures of the first demonstrations that come with the course."""
-    try:
-        from cotlearn.assets import find_data
-        from cotlearn.robots.episodes import read, write_pictures
+    from cotlearn.robots.episodes import read, write_pictures
 
-        demonstrations = read(find_data("push_t_demos.npz"))
-        some = demonstrations.select(range(min(episodes, len(demonstrations))))
-        write_pictures(out, some, size=size)
-    except ModuleNotFoundError as error:
-        stop_missing(error.name)
-    except KeyboardInterrupt:
-        stop_interrupted()
-    console.print(
-        f"{escape(str(out))}: {len(some.state)} pictures of {size} x {size}, {len(some)} episodes, "
-        f"{out.stat().st_size / 1e6:.1f} MB"
-    )
+    demonstrations = read(assets.find_data("push_t_demos.npz"))
+    some = demonstrations.select(range(min(episodes, len(demonstrations))))
+    write_pictures(out, some, size=size)
+    return f"{len(some.state)} pictures of {size} x {size}, {len(some)} episodes"

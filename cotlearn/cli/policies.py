@@ -7,24 +7,17 @@ import inspect
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from cotlearn import assets
-from cotlearn.cli.terminal import stop_missing
 
 if TYPE_CHECKING:
     from cotlearn.policies.settings import Setting
 
-Name = Annotated[
-    str,
-    typer.Argument(
-        help="push-t, push-t-pixels, arm-ring, arm-avoid; or arm-ring-receding, "
-        "arm-avoid-receding, where the arm looks again after every few steps."
-    ),
-]
+Name = Annotated[str, typer.Argument(help="A task, with the options of the course.")]
 Data = Annotated[
     Path | None,
     typer.Option(
@@ -32,7 +25,7 @@ Data = Annotated[
         "Without it those of the course."
     ),
 ]
-#: Options of `robots.training.Options` that a command can change.
+#: Fields of `policies.training.Options` that a command can change.
 OPTIONS = {
     "steps": Annotated[int | None, typer.Option(min=1, help="Gradient steps.")],
     "batch_size": Annotated[int | None, typer.Option(min=1, help="Rows of a gradient step.")],
@@ -44,6 +37,19 @@ OPTIONS = {
     "label": Annotated[str | None, typer.Option(help="intention or action.")],
     "network": Annotated[str | None, typer.Option(help="mlp or unet.")],
 }
+
+
+class Command(TyperCommand):
+    """A command whose help ends with the tasks and the methods, read when it is asked for."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Writes the help."""
+        from cotlearn.policies.methods import METHODS
+        from cotlearn.policies.settings import SETTINGS
+
+        rows = [f"{method.name}: {method.description}." for method in METHODS.values()]
+        self.epilog = "\n\n".join([f"Tasks: {', '.join(SETTINGS)}.", "Methods:", *rows])
+        super().format_help(ctx, formatter)
 
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -65,17 +71,6 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     return with_them
 
 
-def robots() -> tuple[ModuleType, ModuleType]:
-    """Returns torch and the reader of demonstrations, or says what is missing."""
-    try:
-        import torch
-
-        from cotlearn.robots import episodes
-    except ModuleNotFoundError as error:
-        stop_missing(error.name)
-    return torch, episodes
-
-
 def setting(name: str, options: dict[str, Any]) -> Setting:
     """The course's setting of this name, with the options that were given.
 
@@ -91,7 +86,9 @@ def setting(name: str, options: dict[str, Any]) -> Setting:
 
 def demonstrations(data: Path | None, setting: Setting) -> Path:
     """Returns the path that was given, or that of the course's demonstrations."""
-    return assets.find_data(setting.demonstrations) if data is None else data
+    from cotlearn.robots.registry import find_task
+
+    return data or assets.find_data(find_task(setting.task).demonstrations)
 
 
 def numbers(text: str, name: str) -> list[int]:

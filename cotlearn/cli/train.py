@@ -10,20 +10,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from cotlearn.cli import policies
-from cotlearn.cli.terminal import console, stop, stop_interrupted
+from cotlearn.cli.terminal import console, reported
 
 
 @policies.with_options
 def train(
     name: policies.Name,
     options: dict[str, Any],
-    coupling: Annotated[
-        str,
-        typer.Option(
-            help="independent, minibatch_ot, conditional_ot, stratified, aligned, reflow; or "
-            "behaviour_cloning or diffusion, which have none."
-        ),
-    ] = "stratified",
+    coupling: Annotated[str, typer.Option(help="A method, see below.")] = "stratified",
     seed: Annotated[int, typer.Option(min=0, help="Of weights, pairs and times.")] = 0,
     episodes: Annotated[
         int | None, typer.Option(min=1, help="Demonstrations to train on; all without it.")
@@ -37,18 +31,20 @@ def train(
     ] = 50,
 ) -> None:
     """Trains a policy for a task, saves it, and tries it; resumes where it was interrupted."""
-    torch, episode_files = policies.robots()
-    from cotlearn.policies import comparison, training
-    from cotlearn.policies.rollout import rollout
-
-    torch.set_num_threads(1)
     out = out or Path(f"{name.replace('-', '_')}.safetensors")
-    try:
+    checkpoint = out.with_name(f"{out.stem}.training.safetensors")
+    with reported():
+        import torch
+
+        from cotlearn.policies import comparison, training
+        from cotlearn.policies.rollout import rollout
+        from cotlearn.robots.episodes import read
+
+        torch.set_num_threads(1)
         setting = policies.setting(name, options)
-        chosen = episode_files.read(policies.demonstrations(data, setting))
+        chosen = read(policies.demonstrations(data, setting))
         if episodes is not None:
             chosen = chosen.select(list(range(min(episodes, len(chosen)))))
-        checkpoint = out.with_name(f"{out.stem}.training.safetensors")
         trained = training.train(
             coupling,
             chosen,
@@ -56,11 +52,8 @@ def train(
             options=comparison.with_choice(coupling, chosen, setting.options),
             checkpoint=checkpoint,
         )
-    except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
-        stop(str(error))
-    except KeyboardInterrupt:
-        stop_interrupted()
-    trained.policy.save(out, about={"coupling": coupling, "seed": seed, "episodes": len(chosen)})
+    about = {"coupling": coupling, "seed": seed, "episodes": len(chosen)}
+    trained.policy.save(out, metadata=about)
     for file in out.parent.glob(f"*{checkpoint.name}"):
         file.unlink()
     console.print(
@@ -70,7 +63,7 @@ def train(
     if rollouts:
         names = [chosen.task.score, *chosen.task.thresholds]
         table = Table("sampler", *(n.replace("_", " ") for n in names), "ms a chunk", box=None)
-        for sampler in comparison.samplers(trained.policy):
+        for sampler in trained.policy.sampler.variants:
             policy = trained.policy.with_sampler(sampler)
             scores = rollout(policy, episodes=rollouts).summary()
             values = [f"{scores[n]:.3f}" for n in names]

@@ -7,6 +7,7 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -140,6 +141,8 @@ class ResidualMLP(_Network):
         super().__init__(dim, condition_dim)
         check_count(width, "width")
         check_count(context, "context")
+        self.sizes: dict[str, Any] = {"dim": dim, "condition_dim": condition_dim, "width": width}
+        self.sizes |= {"blocks": blocks, "context": context}  # to make it again from a file
         self.time = TimeFeatures(_TIME_FEATURES)
         with seeded(seed):
             self.context = nn.Sequential(
@@ -215,7 +218,8 @@ class TemporalUNet(_Network):
             raise ValueError(f"kernel must be odd, got {kernel}")
         check_count(context, "context")
         self.steps, self.channels = steps, channels
-        self.widths, self.kernel = tuple(widths), kernel
+        self.sizes: dict[str, Any] = {"steps": steps, "channels": channels, "kernel": kernel}
+        self.sizes |= {"condition_dim": condition_dim, "widths": widths, "context": context}
         self.time = TimeFeatures(_TIME_FEATURES)
         below = list(itertools.pairwise(widths))
         with seeded(seed):

@@ -9,7 +9,8 @@ the chunk as if from the T, at the pose that the encoder believes in.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -19,13 +20,7 @@ from cotlearn.flows.matching import Loss
 from cotlearn.flows.networks import ImageEncoder, ResidualMLP
 from cotlearn.robots.push_t.camera import AGENT, PLACE, TURN, Camera
 from cotlearn.robots.push_t.task import GOAL, SIZE
-from cotlearn.validation import (
-    check_count,
-    check_dtype,
-    check_matrix,
-    check_same_rows,
-    check_shape,
-)
+from cotlearn.validation import check_count
 
 POSE = 4  #: x, y, cosine and sine
 _UNIT = SIZE / 4  #: a length that counts as 1 in features
@@ -35,7 +30,7 @@ class CameraNetwork(nn.Module):
     """v(t, x, c) that looks at a scene c through a camera.
 
     Args:
-        camera: takes the picture.
+        camera: takes the picture; or its attributes, as a file has them.
         dim: d, columns of x, two for each step.
         features: of a picture, beside the pose.
         width: of the velocity field's layers.
@@ -45,7 +40,7 @@ class CameraNetwork(nn.Module):
 
     def __init__(
         self,
-        camera: Camera,
+        camera: Camera | dict[str, Any],
         dim: int,
         *,
         features: int = 32,
@@ -54,13 +49,16 @@ class CameraNetwork(nn.Module):
         seed: int | None = None,
     ) -> None:
         super().__init__()
-        self.camera, self.dim, self.condition_dim = camera, dim, camera.scene_dim
+        self.camera = camera if isinstance(camera, Camera) else Camera(**camera)
+        self.dim, self.condition_dim = dim, self.camera.scene_dim
         self.features = check_count(features, "features", minimum=0)
+        self.sizes: dict[str, Any] = {"dim": dim, "features": features, "width": width}
+        self.sizes |= {"blocks": blocks, "camera": asdict(self.camera)}
         self.encoder = ImageEncoder(POSE + features, seed=seed)
         self.head = TurnedMLP(
             dim,
             features=features,
-            observe=camera.observe,
+            observe=self.camera.observe,
             width=width,
             blocks=blocks,
             seed=seed,
@@ -84,18 +82,12 @@ class CameraNetwork(nn.Module):
 
         The first four are the pose: x and y, the middle of the world as 0, cosine and sine.
         """
-        size = self.camera.size
-        check_shape(hand, "hand", (*hand.shape[:1], 2 * self.camera.observe))
-        wanted = (len(hand), size, size, 3)
-        if not isinstance(pictures, Tensor) or pictures.shape != wanted:
-            raise ValueError(f"pictures must be a tensor {wanted}, got {tuple(pictures.shape)}")
         images = pictures.permute(0, 3, 1, 2).float() / 127.5 - 1
         return torch.cat([self.encoder(images), hand], dim=1)
 
     def pose_error(self, features: Tensor, c: Tensor) -> Tensor:
         """The squared error of the pose, (B,)."""
         now = self.camera.scenes(c)[:, -1]
-        check_shape(features, "features", (len(c), self.head.condition_dim))
         pose = torch.cat([(now[:, PLACE] - SIZE / 2) / _UNIT, now[:, TURN]], dim=1)
         return (features[:, :POSE] - pose).square().sum(dim=1)
 
@@ -134,14 +126,8 @@ class TurnedMLP(nn.Module):
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor) -> Tensor:
         """The velocity (B, d) at time t, x (B, d) and features c (B, k)."""
-        check_dtype(x, "x", self.inner.first.weight.dtype)
-        check_shape(x, "x", (*x.shape[:1], self.dim))
-        check_shape(c, "c", (len(x), self.condition_dim))
-        place, free, hand = (
-            c[:, None, :2],
-            c[:, POSE : -2 * self.observe],
-            c[:, -2 * self.observe :],
-        )
+        place, free = c[:, None, :2], c[:, POSE : -2 * self.observe]
+        hand = c[:, -2 * self.observe :]
         facing = nn.functional.normalize(c[:, None, 2:POSE], dim=2)
         goal = c.new_tensor([(GOAL[0] - SIZE / 2) / _UNIT, (GOAL[1] - SIZE / 2) / _UNIT])
         wanted = c.new_tensor([math.cos(GOAL[2]), math.sin(GOAL[2])]).expand_as(place)
@@ -159,17 +145,17 @@ def _turned(points: Tensor, facing: Tensor, sign: int) -> Tensor:
     return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=2)
 
 
+@dataclass(frozen=True)
 class SeenFromT:
     """Chunks turned as the true T of a scene faces: the frame of `TurnedMLP`, in `Transformed`.
 
     The pose is known where pairs are made, in training, as it is to `CameraLoss`.
 
-    Args:
+    Attributes:
         camera: for scenes on this scale.
     """
 
-    def __init__(self, camera: Camera) -> None:
-        self.camera = camera
+    camera: Camera
 
     def to_frame(self, x: Tensor, c: Tensor) -> Tensor:
         """Chunks x (B, d) of scenes c (B, k), as seen from the T."""
@@ -180,11 +166,7 @@ class SeenFromT:
         return self._turned(x, c, 1)
 
     def _turned(self, x: Tensor, c: Tensor, sign: int) -> Tensor:
-        check_matrix(x, "x")
-        if x.shape[1] % 2:
-            raise ValueError(f"x must have two columns for each step, got {x.shape[1]}")
         facing = nn.functional.normalize(self.camera.scenes(c)[:, -1:, TURN], dim=2)
-        check_same_rows(c, "c", x, "x")
         return _turned(x.unflatten(1, (-1, 2)), facing, sign).flatten(1)
 
 
@@ -208,7 +190,7 @@ class CameraLoss:
     def __call__(self, network: nn.Module, pairs: Pairs, generator: torch.Generator) -> Tensor:
         """The loss of each row, (B,), of a `CameraNetwork`; its encoder runs once."""
         assert isinstance(network, CameraNetwork)
-        assert pairs.c is not None
+        assert pairs.c is not None  # scenes
         pictures = shifted(network.camera.pictures(pairs.c), self.shift, generator)
         features = network.look(pictures, network.hand(pairs.c))
         value = self.loss(network.head, replace(pairs, c=features), generator)

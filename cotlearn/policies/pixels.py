@@ -1,36 +1,33 @@
-"""What it takes to train policies on pictures: options like the others'."""
+"""What it takes to train policies on pictures: a camera, its network, loss and condition."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from torch import nn
+from torch import Tensor
 
 from cotlearn.couplings.conditions import EmbeddedClusters, PCAKMeansCondition
-from cotlearn.datasets import Dataset
 from cotlearn.flows.matching import Loss
 from cotlearn.policies.camera import CameraLoss, CameraNetwork
-from cotlearn.policies.training import Options
 from cotlearn.policies.windows import Windows
+from cotlearn.renamed import renamed
 from cotlearn.robots.push_t.camera import Camera
 from cotlearn.validation import check_count
 
 
 @dataclass(frozen=True)
-class CameraOptions(Options):
-    """`Options` of a policy that sees Push-T through a camera.
+class Pixels:
+    """A policy of Push-T that sees through a camera: `Options(camera=Pixels())`.
 
     Attributes:
         size: width and height of a picture in pixels.
         features: of a picture, beside the pose.
         pose: weight of the pose's squared error in the loss, see `CameraLoss`.
         shift: pixels by which pictures are shifted at random in training.
-        components: of the PCA that the coupling sees pixels by.
-        condition_clusters: of the k-means after it, for COT; stratified OT has `clusters`.
+        components: of the PCA of pixels that the coupling is given.
+        condition_clusters: of the k-means after it, for COT; stratified OT has `Options.clusters`.
     """
 
-    network: str = "camera"
-    frame: str | None = "agent"
     size: int = 40
     features: int = 32
     pose: float = 1000.0
@@ -39,53 +36,35 @@ class CameraOptions(Options):
     condition_clusters: int = 64
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        if (self.network, self.frame) != ("camera", "agent"):
-            raise ValueError(
-                "a policy with a camera has network 'camera' and frame 'agent', got "
-                f"{self.network!r} and {self.frame!r}"
-            )
         for name in ("size", "components", "condition_clusters"):
             check_count(getattr(self, name), name)
 
-    def loss_of(self, method: str) -> Loss:
-        """What a method minimises, with the loss of the pose."""
-        return CameraLoss(super().loss_of(method), self.pose, self.shift)
+    def loss(self, loss: Loss) -> CameraLoss:
+        """A loss, with that of the pose."""
+        return CameraLoss(loss, self.pose, self.shift)
 
     def camera(self, windows: Windows) -> Camera:
         """The camera for scenes on the scale of these windows."""
-        return Camera.over(windows.observation_range, size=self.size, observe=self.observe)
+        return Camera.over(windows.observation_range, size=self.size, observe=windows.observe)
 
-    def make_network(self, windows: Windows, *, seed: int) -> nn.Module:
+    def network(self, windows: Windows, *, width: int, blocks: int, seed: int) -> CameraNetwork:
         """A network that sees."""
         return CameraNetwork(
             self.camera(windows),
             windows.dim,
             features=self.features,
-            width=self.width,
-            blocks=self.blocks,
+            width=width,
+            blocks=blocks,
             seed=seed,
         )
 
-    def asks_the_frontier(self, method: str) -> bool:
-        """Not for COT's weight: without one it is COT Policy's rule for every batch."""
-        return method != "conditional_ot"
-
-    def condition_of(
-        self, method: str, data: Dataset, windows: Windows | None = None
-    ) -> EmbeddedClusters | None:
-        """Clusters of pictures and proprioception, COT Policy's condition, fitted to the data."""
-        clusters = {
-            "conditional_ot": self.condition_clusters,
-            "stratified": self.clusters,
-            "residual": self.clusters,
-        }.get(method)
-        if clusters is None:
-            return None
-        assert data.c is not None
-        assert windows is not None
+    def condition(self, c: Tensor, windows: Windows, *, clusters: int) -> EmbeddedClusters:
+        """COT Policy's condition: clusters of pictures and proprioception, fitted to scenes c."""
         camera = self.camera(windows)
         condition = PCAKMeansCondition(
             pixels=camera.pixels, components=self.components, clusters=clusters
         )
-        return EmbeddedClusters(camera, condition).fit(data.c)
+        return EmbeddedClusters(camera, condition).fit(c)
+
+
+__getattr__ = renamed(__name__, {"CameraOptions": "cotlearn.policies.training:camera_options"})

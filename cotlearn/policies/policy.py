@@ -3,125 +3,26 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
-from cotlearn.flows.diffusion import Diffusion, predict
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet
-from cotlearn.flows.solvers import integrate
 from cotlearn.policies.camera import CameraNetwork
+from cotlearn.policies.samplers import SAMPLERS, Sampler
 from cotlearn.policies.windows import Windows
-from cotlearn.robots.push_t.camera import Camera
+from cotlearn.renamed import renamed
 from cotlearn.robots.task import Array
 from cotlearn.storage import load_tensors, save_tensors
 from cotlearn.validation import check_count
 
 _FITTED = "fitted."  #: before the names of a coupling's tensors in a file
-
-
-@dataclass(frozen=True)
-class FlowSampler:
-    """Integrates the network as a velocity field.
-
-    Attributes:
-        nfe: evaluations of the network for a chunk.
-        method: a fixed-step method of `integrate`.
-    """
-
-    nfe: int = 16
-    method: str = "euler"
-
-    draws = 1  #: noise tensors that a chunk needs
-
-    @property
-    def name(self) -> str:
-        """For tables: "euler-16"."""
-        return f"{self.method}-{self.nfe}"
-
-    def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
-        """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
-        return integrate(network, noise[0], c, nfe=self.nfe, method=self.method).x1
-
-
-@dataclass(frozen=True)
-class DDPMSampler:
-    """The ancestral chain of a diffusion model, one evaluation for each level.
-
-    Attributes:
-        levels: of noise.
-        clip: largest value of a chunk, as the network sees it (see `Diffusion`).
-    """
-
-    levels: int = 100
-    clip: float = 1.0
-
-    @property
-    def draws(self) -> int:
-        """The start, and fresh noise in every step but the last."""
-        return self.levels
-
-    @property
-    def nfe(self) -> int:
-        """Evaluations of the network for a chunk."""
-        return self.levels
-
-    @property
-    def name(self) -> str:
-        """For tables: "ddpm-100"."""
-        return f"ddpm-{self.levels}"
-
-    def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
-        """Chunks (B, d) from noise (levels, B, d) under conditions c (B, k)."""
-        return Diffusion(self.levels, clip=self.clip).ddpm(network, noise[0], c, noise=noise[1:])
-
-
-@dataclass(frozen=True)
-class DDIMSampler:
-    """Few deterministic steps of a diffusion model."""
-
-    nfe: int = 16
-    levels: int = 100
-    spacing: str = "leading"
-    clip: float = 1.0
-
-    draws = 1
-
-    @property
-    def name(self) -> str:
-        """For tables: "ddim-16", "ddim-4-trailing"."""
-        return f"ddim-{self.nfe}" + ("" if self.spacing == "leading" else f"-{self.spacing}")
-
-    def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
-        """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
-        return Diffusion(self.levels, clip=self.clip).ddim(
-            network, noise[0], c, nfe=self.nfe, spacing=self.spacing
-        )
-
-
-@dataclass(frozen=True)
-class MeanSampler:
-    """Behaviour cloning by regression: the one chunk that the network predicts."""
-
-    draws = 1  #: of which only the shape counts
-    nfe = 1
-    name = "mean"
-
-    def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
-        """Chunks (B, d) under conditions c (B, k)."""
-        with torch.no_grad():
-            return predict(network, noise[0], c)
-
-
-Sampler = FlowSampler | DDPMSampler | DDIMSampler | MeanSampler
-_SAMPLERS: dict[str, Callable[..., Sampler]] = {
-    kind.__name__: kind for kind in (FlowSampler, DDPMSampler, DDIMSampler, MeanSampler)
+_NETWORKS: dict[str, Any] = {
+    kind.__name__: kind for kind in (ResidualMLP, TemporalUNet, CameraNetwork)
 }
 
 
@@ -230,11 +131,10 @@ class ChunkPolicy:
         """The actions (B, execute, A) to do next; arguments as for `chunk`."""
         return self.chunk(history, noise=noise, generator=generator)[:, : self.execute]
 
-    def latency(self, *, batch: int = 1, repetitions: int = 30) -> float:
-        """The median of the seconds that a chunk takes, from states to actions."""
-        check_count(repetitions, "repetitions")
+    def latency(self, *, repetitions: int = 30) -> float:
+        """The median of the seconds that one chunk takes, from a state to actions."""
         generator = torch.Generator().manual_seed(0)
-        state = self.windows.task.vector_sim(range(check_count(batch, "batch"))).states
+        state = self.windows.task.vector_sim([0]).states
         history = np.repeat(state[:, None], self.windows.observe, axis=1)
         seconds = []
         for _ in range(repetitions + 2):
@@ -244,15 +144,21 @@ class ChunkPolicy:
         return float(np.median(seconds[2:]))  # the first two warm up
 
     def save(
-        self, path: str | Path, *, half: bool = False, about: dict[str, Any] | None = None
+        self, path: str | Path, *, half: bool = False, metadata: dict[str, Any] | None = None
     ) -> None:
         """Writes network, windows and sampler as safetensors.
 
         Args:
             path: the file.
             half: in 16 bits, which halves the file.
-            about: more to remember, JSON-compatible.
+            metadata: more to remember, JSON-compatible.
+
+        Raises:
+            TypeError: `load` could not make such a network.
         """
+        kind = type(self.network).__name__
+        if kind not in _NETWORKS:
+            raise TypeError(f"network must be one of {', '.join(_NETWORKS)} to be saved: {kind}")
         everything = self.network.state_dict()
         everything |= {f"{_FITTED}{name}": value for name, value in self.fitted.items()}
         tensors = {
@@ -261,12 +167,12 @@ class ChunkPolicy:
         }
         record = {
             "policy": {
-                "network": _sizes(self.network),
-                "windows": self.windows.about(),
-                "sampler": {"kind": type(self.sampler).__name__, **asdict(self.sampler)},
+                "network": {"kind": kind, **cast(Any, self.network).sizes},
+                "windows": self.windows.metadata(),
+                "sampler": {"kind": type(self.sampler).__name__, **vars(self.sampler)},
                 "execute": self.execute,
             },
-            "about": about or {},
+            "about": metadata or {},
         }
         save_tensors(path, tensors, record)
 
@@ -278,23 +184,23 @@ class ChunkPolicy:
             FileNotFoundError: there is no such file.
             ValueError: the file is damaged or holds no policy.
         """
-        return cls.load_with_about(path)[0]
+        return cls.load_with_metadata(path)[0]
 
     @classmethod
-    def load_with_about(cls, path: str | Path) -> tuple[ChunkPolicy, dict[str, Any]]:
+    def load_with_metadata(cls, path: str | Path) -> tuple[ChunkPolicy, dict[str, Any]]:
         """Like `load`, together with what `save` was told to remember."""
         tensors, record = load_tensors(path)
         try:
             stored = record["policy"]
-            network = build(**stored["network"])
+            sizes, sampler = dict(stored["network"]), dict(stored["sampler"])
+            network = _NETWORKS[sizes.pop("kind")](**sizes)
             tensors = {name: value.float() for name, value in tensors.items()}
             fitted = {n: tensors.pop(n) for n in list(tensors) if n.startswith(_FITTED)}
             network.load_state_dict(tensors)
-            sampler = dict(stored["sampler"])
             policy = cls(
                 network.requires_grad_(False),
-                Windows.from_about(stored["windows"]),
-                _SAMPLERS[sampler.pop("kind")](**sampler),
+                Windows.from_metadata(stored["windows"]),
+                SAMPLERS[sampler.pop("kind")](**sampler),
                 execute=stored["execute"],
                 fitted={name.removeprefix(_FITTED): value for name, value in fitted.items()},
             )
@@ -303,51 +209,4 @@ class ChunkPolicy:
             raise ValueError(f"{path} holds no policy that fits: {error}") from error
 
 
-def build(kind: str, **sizes: Any) -> nn.Module:
-    """A network by the name of its class and its sizes.
-
-    Raises:
-        ValueError: an unknown kind.
-    """
-    if kind == "ResidualMLP":
-        return ResidualMLP(**sizes)
-    if kind == "TemporalUNet":
-        return TemporalUNet(**{**sizes, "widths": tuple(sizes["widths"])})
-    if kind == "CameraNetwork":
-        return CameraNetwork(**{**sizes, "camera": Camera(**sizes["camera"])})
-    raise ValueError(f"kind must be ResidualMLP, TemporalUNet or CameraNetwork, got {kind!r}")
-
-
-def _sizes(network: nn.Module) -> dict[str, Any]:
-    """What `build` needs to make such a network."""
-    kind = type(network).__name__
-    if isinstance(network, ResidualMLP):
-        first = network.first
-        return {
-            "kind": kind,
-            "dim": network.dim,
-            "condition_dim": network.condition_dim,
-            "width": first.out_features,
-            "blocks": len(network.blocks),
-            "context": network.context[0].out_features,
-        }
-    if isinstance(network, TemporalUNet):
-        return {
-            "kind": kind,
-            "steps": network.steps,
-            "channels": network.channels,
-            "condition_dim": network.condition_dim,
-            "widths": network.widths,
-            "kernel": network.kernel,
-            "context": network.context[0].out_features,
-        }
-    if isinstance(network, CameraNetwork):
-        return {
-            "kind": kind,
-            "camera": asdict(network.camera),
-            "dim": network.dim,
-            "features": network.features,
-            "width": network.head.inner.first.out_features,
-            "blocks": len(network.head.inner.blocks),
-        }
-    raise TypeError(f"a ResidualMLP, TemporalUNet or CameraNetwork can be saved, got {kind}")
+__getattr__ = renamed(__name__, {name: f"cotlearn.policies.samplers:{name}" for name in SAMPLERS})

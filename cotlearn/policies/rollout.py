@@ -100,14 +100,17 @@ def rollout(
         seeds: of the starts, instead of first_seed, first_seed + 1, ...; may repeat.
         noise_seed: of the policy's noise.
         max_steps: of an episode; those of the task if None.
-        task: what is to be done; what the policy was made for if None.
+        task: what is to be done; what the windows of the policy are made for if None.
         record: keep all states.
         progress: show a bar; None: in terminals and notebooks.
 
     Raises:
         ValueError: the policy returns another shape, or actions out of range or not finite.
     """
-    task = _windows(policy).task if task is None else task
+    windows: Any = getattr(policy, "windows", policy)
+    task = task or getattr(windows, "task", None)
+    if task is None:
+        raise ValueError("task must be given for a policy that has no windows, got None")
     max_steps = check_count(task.max_steps if max_steps is None else max_steps, "max_steps")
     if seeds is None:
         first = check_count(first_seed, "first_seed", minimum=0)
@@ -115,7 +118,7 @@ def rollout(
     episodes = check_count(len(seeds), "seeds")
     sim = task.vector_sim(seeds)
     state = sim.states
-    history = np.repeat(state[:, None], _observed(policy), axis=1)
+    history = np.repeat(state[:, None], windows.observe, axis=1)
     active = ~sim.finished
     steps = np.zeros(episodes, dtype=np.int64)
     done = np.full((max_steps, episodes, len(task.action)), np.nan)
@@ -131,7 +134,12 @@ def rollout(
                 noise = policy.noise(episodes, rng)[:, rows]
                 started = time.perf_counter()
                 plan = np.zeros((episodes, policy.execute, len(task.action)))
-                plan[rows] = _checked(policy.act(history[rows], noise=noise), policy, task, rows)
+                plan[rows] = check_actions(
+                    policy.act(history[rows], noise=noise),
+                    task.action_limits,
+                    "actions of the policy",
+                    shape=(len(rows), policy.execute, len(task.action)),
+                )
                 seconds += time.perf_counter() - started
                 chunks += len(rows)
             action = plan[:, place]
@@ -163,21 +171,6 @@ def with_thresholds(task: Task, found: dict[str, Array]) -> dict[str, Array]:
         for name, (of, threshold) in task.thresholds.items()
     }
     return {**found, **passed}
-
-
-def _windows(policy: Any) -> Any:
-    if not hasattr(policy, "windows"):
-        raise ValueError("task must be given for a policy that has no windows, got None")
-    return policy.windows
-
-
-def _observed(policy: Any) -> int:
-    return int(policy.windows.observe) if hasattr(policy, "windows") else int(policy.observe)
-
-
-def _checked(actions: Any, policy: Policy, task: Task, rows: NDArray[np.int64]) -> Array:
-    expected = len(rows), policy.execute, len(task.action)
-    return check_actions(actions, task.action_limits, "actions of the policy", shape=expected)
 
 
 def _jerk(done: Array, steps: NDArray[np.int64]) -> Array:

@@ -1,11 +1,13 @@
-"""What the course trains and compares, by name: a task's demonstrations and options."""
+"""What the course trains and compares, by name: a task and the options of its trainings."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from cotlearn.policies.pixels import CameraOptions
-from cotlearn.policies.training import METHODS, Options
+from cotlearn.couplings.conditional import BALANCED
+from cotlearn.policies.methods import METHODS
+from cotlearn.policies.pixels import Pixels
+from cotlearn.policies.training import Options
 
 
 @dataclass(frozen=True)
@@ -13,12 +15,12 @@ class Setting:
     """A task as it stands in the course.
 
     Attributes:
-        demonstrations: the file in `data/`.
+        task: its name in `cotlearn.robots.registry`.
         options: of every training.
         methods: that are compared.
     """
 
-    demonstrations: str
+    task: str
     options: Options
     methods: tuple[str, ...] = tuple(METHODS)
 
@@ -32,8 +34,8 @@ _WHOLE = Options(
     predict=40,
     execute=40,
     knots=10,
-    whole=True,
-    early=0.3,
+    open_loop=True,
+    share_at_t0=0.3,
     clusters=None,
 )
 #: Between two rows of pillars, which always stand nearly alike, the world is as good a frame. The
@@ -44,15 +46,23 @@ _ROWS = replace(_WHOLE, frame="world", learning_rate=3e-3)
 _RECEDING = Options(frame="world", steps=6000, width=256, clusters=1024)
 
 #: With a camera, and a smaller budget: a step takes twice as long.
-_CAMERA = CameraOptions(steps=6000, batch_size=128, width=256, clusters=1024)
+_CAMERA = Options(
+    frame="agent",
+    steps=6000,
+    batch_size=128,
+    width=256,
+    condition_weight=BALANCED,
+    clusters=1024,
+    camera=Pixels(),
+)
 #: What an hour or two is enough for.
 _MAIN = ("independent", "conditional_ot", "stratified", "residual", "minibatch_ot", "diffusion")
 
 SETTINGS = {
-    "push-t": Setting("push_t_demos.npz", Options(frame="body")),
-    "push-t-pixels": Setting("push_t_demos.npz", _CAMERA, _MAIN),
-    "arm-ring": Setting("arm_ring_demos.npz", _WHOLE),
-    "arm-ring-receding": Setting("arm_ring_demos.npz", _RECEDING),
-    "arm-avoid": Setting("arm_avoid_demos.npz", _ROWS),
-    "arm-avoid-receding": Setting("arm_avoid_demos.npz", _RECEDING),
+    "push-t": Setting("push-t", Options(frame="body")),
+    "push-t-pixels": Setting("push-t", _CAMERA, _MAIN),
+    "arm-ring": Setting("arm-ring", _WHOLE),
+    "arm-ring-receding": Setting("arm-ring", _RECEDING),
+    "arm-avoid": Setting("arm-avoid", _ROWS),
+    "arm-avoid-receding": Setting("arm-avoid", _RECEDING),
 }

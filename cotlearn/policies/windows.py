@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from cotlearn.validation import check_choice, check_count
 
 LABELS = ("action", "intention")
 SCALES = ("deviation", "range")
+_RANGES = ("observation_range", "action_range")
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,10 @@ class Windows:
         knots: points that stand for a chunk, evenly spaced in time, the last action among them;
             a cubic spline through them, from rest to rest, fills in the others. None: no knots,
             every step is predicted.
-        whole: one window for each episode, from its first step, instead of one for each step.
+        open_loop: one window for each episode, from its first step, instead of one for each step.
+
+    Raises:
+        ValueError: a number or a name that does not fit.
     """
 
     task: Task
@@ -49,7 +53,7 @@ class Windows:
     observation_range: Array
     action_range: Array
     knots: int | None = None
-    whole: bool = False
+    open_loop: bool = False
 
     def __post_init__(self) -> None:
         check_count(self.observe, "observe")
@@ -59,14 +63,6 @@ class Windows:
             raise ValueError(
                 f"knots must be at most the {self.predict} predicted steps, got {self.knots}"
             )
-        sizes = ("observation_range", self._frame.features), ("action_range", self.action_dim)
-        for name, columns in sizes:
-            value = np.asarray(getattr(self, name), dtype=np.float64)
-            if value.shape != (2, columns) or not np.isfinite(value).all():
-                raise ValueError(f"{name} must be finite of shape (2, {columns}): {value.tolist()}")
-            if (value[1] < value[0]).any():
-                raise ValueError(f"{name} must hold the smallest values first: {value.tolist()}")
-            object.__setattr__(self, name, value)
 
     @classmethod
     def fit(
@@ -79,7 +75,7 @@ class Windows:
         label: str = "action",
         scale: str = "deviation",
         knots: int | None = None,
-        whole: bool = False,
+        open_loop: bool = False,
     ) -> Windows:
         """Takes the scale from the windows of training episodes.
 
@@ -93,19 +89,17 @@ class Windows:
                 "range" fills [-1, 1], as Diffusion Policy does. Seen from Push-T's block, actions
                 are mostly near and rarely far, and the range leaves them a seventh of the noise.
             knots: points that stand for a chunk.
-            whole: only the windows with which episodes begin.
+            open_loop: only the windows with which episodes begin.
         """
         check_choice(scale, "scale", SCALES)
-        task = episodes.task
-        frame = check_choice(frame or next(iter(task.frames)), "frame", tuple(task.frames))
-        sizes = task.frames[frame].features, len(task.action)
-        first, second = (np.array([[-1.0] * n, [1.0] * n]) for n in sizes)
-        unit = cls(task, observe, predict, frame, first, second, knots, whole)
-        history, actions = unit.cut(episodes, label=label)
-        seen = unit._frame.observe(history).reshape(-1, sizes[0])
-        wanted = unit._at_knots(unit._frame.to_frame(actions, history)).reshape(-1, sizes[1])
+        frame = frame or next(iter(episodes.task.frames))
+        unknown = np.empty((2, 0))
+        raw = cls(episodes.task, observe, predict, frame, unknown, unknown, knots, open_loop)
+        history, actions = raw.cut(episodes, label=label)
+        features = raw._frame.observe(history)
+        wanted = raw._at_knots(raw._frame.to_frame(actions, history))
         ends = _deviation if scale == "deviation" else _range
-        return cls(task, observe, predict, frame, ends(seen), ends(wanted), knots, whole)
+        return replace(raw, observation_range=ends(features), action_range=ends(wanted))
 
     @property
     def action_dim(self) -> int:
@@ -132,12 +126,11 @@ class Windows:
 
         At both ends of an episode the first state and the last action are repeated.
         """
-        check_choice(label, "label", LABELS)
-        actions = episodes.action if label == "action" else episodes.intention
-        if actions is None:
-            raise ValueError(f"{episodes.name} has no intentions: use label='action'")
+        actions = episodes.action
+        if check_choice(label, "label", LABELS) == "intention" and episodes.intention is not None:
+            actions = episodes.intention
         starts, ends = episodes.starts, episodes.ends
-        row = starts if self.whole else np.arange(len(episodes.state))
+        row = starts if self.open_loop else np.arange(len(episodes.state))
         episode = np.searchsorted(ends, row, side="right")
         seen = row[:, None] + np.arange(1 - self.observe, 1)
         done = row[:, None] + np.arange(self.predict)
@@ -152,37 +145,23 @@ class Windows:
         Args:
             episodes: any.
             label: "action", what was done; or "intention", what the demonstrator meant before
-                noise was added: right actions in the states that noise led to (DART, 1703.09327).
+                noise was added, where the episodes say it: right actions in the states that noise
+                led to (DART, 1703.09327).
         """
         history, actions = self.cut(episodes, label=label)
         name = f"{episodes.name}: {len(episodes)} episodes, {label}s, {self.frame} frame"
         return Dataset(self.chunks(actions, history), self.condition(history), name=name)
 
-    def condition(self, history: ArrayLike) -> Tensor:
+    def condition(self, history: Array) -> Tensor:
         """c of shape (B, observe * F), float32, from states (B, observe, columns)."""
-        features = self._frame.observe(self.check_history(history))
-        scaled = _scale(features, self.observation_range)
-        return torch.from_numpy(scaled.reshape(len(scaled), -1)).float()
+        return _scaled(self._frame.observe(history), self.observation_range)
 
-    def chunks(self, actions: ArrayLike, history: ArrayLike) -> Tensor:
+    def chunks(self, actions: Array, history: Array) -> Tensor:
         """x1 of shape (B, points * A), float32, from actions (B, predict, A) in the world."""
-        history = self.check_history(history)
-        wanted = np.asarray(actions, dtype=np.float64)
-        if wanted.shape != (expected := (len(history), self.predict, self.action_dim)):
-            raise ValueError(f"actions must have shape {expected}, got {wanted.shape}")
-        if not np.isfinite(wanted).all():
-            raise ValueError("actions have NaN or infinite values")
-        seen = self._at_knots(self._frame.to_frame(wanted, history))
-        scaled = _scale(seen, self.action_range)
-        return torch.from_numpy(scaled.reshape(len(scaled), -1)).float()
+        return _scaled(self._at_knots(self._frame.to_frame(actions, history)), self.action_range)
 
-    def actions(self, x: Tensor, history: ArrayLike) -> Array:
+    def actions(self, x: Tensor, history: Array) -> Array:
         """Actions (B, predict, A) in the world, not clipped, from chunks x (B, points * A)."""
-        history = self.check_history(history)
-        if not isinstance(x, Tensor):
-            raise TypeError(f"x must be a torch tensor, got {type(x).__name__}")
-        if x.shape != (len(history), self.dim):
-            raise ValueError(f"x must have shape {(len(history), self.dim)}, got {tuple(x.shape)}")
         values = x.detach().to("cpu", torch.float64).numpy()
         values = values.reshape(-1, self.points, self.action_dim)
         low, high = self.action_range
@@ -190,7 +169,12 @@ class Windows:
         return self._frame.from_frame(values, history)
 
     def check_history(self, history: ArrayLike) -> Array:
-        """Returns states (B, observe, columns) as float64 if they are finite."""
+        """Returns states (B, observe, columns) as float64.
+
+        Raises:
+            TypeError: they are no real numbers.
+            ValueError: they have another shape, or are not finite.
+        """
         array = np.asarray(history)
         if array.dtype.kind not in "fiu":
             raise TypeError(f"history must hold real numbers, got {array.dtype}")
@@ -205,24 +189,17 @@ class Windows:
             raise ValueError(f"history has NaN or infinite values in rows {bad.tolist()[:5]}")
         return array.astype(np.float64)
 
-    def about(self) -> dict[str, Any]:
-        """Everything, JSON-compatible: `Windows.from_about(windows.about())` is the same."""
-        return {
-            "task": self.task.name,
-            "observe": self.observe,
-            "predict": self.predict,
-            "frame": self.frame,
-            "observation_range": self.observation_range.tolist(),
-            "action_range": self.action_range.tolist(),
-            "knots": self.knots,
-            "whole": self.whole,
-        }
+    def metadata(self) -> dict[str, Any]:
+        """Everything, JSON-compatible: `Windows.from_metadata` takes it back."""
+        ranges = {name: getattr(self, name).tolist() for name in _RANGES}
+        return {**vars(self), **ranges, "task": self.task.name}
 
     @classmethod
-    def from_about(cls, about: dict[str, Any]) -> Windows:
-        """Takes back what `about` gave."""
-        ranges = {name: np.array(about[name]) for name in about if name.endswith("range")}
-        return cls(**{**about, **ranges, "task": find_task(about["task"])})
+    def from_metadata(cls, metadata: dict[str, Any]) -> Windows:
+        """Takes back what `metadata` gave, in this version or in 0.1."""
+        values = {"open_loop" if k == "whole" else k: value for k, value in metadata.items()}
+        ranges = {name: np.array(values[name]) for name in _RANGES}
+        return cls(**{**values, **ranges, "task": find_task(values["task"])})
 
     @property
     def _frame(self) -> Frame:
@@ -249,18 +226,22 @@ class Windows:
 
 
 def _range(values: Array) -> Array:
-    return np.array([values.min(axis=0), values.max(axis=0)])
+    """The smallest and the largest value of each column, (2, columns), of (B, n, columns)."""
+    return np.array([values.min(axis=(0, 1)), values.max(axis=(0, 1))])
 
 
 def _deviation(values: Array) -> Array:
+    """Mean -+ standard deviation of each column, (2, columns), of (B, n, columns)."""
+    values = values.reshape(-1, values.shape[-1])
     varies = values.min(axis=0) < values.max(axis=0)  # whatever rounding says
     mean, deviation = values.mean(axis=0), np.where(varies, values.std(axis=0), 0.0)
     return np.array([mean - deviation, mean + deviation])
 
 
-def _scale(values: Array, ends: NDArray[np.float64]) -> Array:
-    """Values to [-1, 1] by their range; what does not vary becomes 0."""
+def _scaled(values: Array, ends: Array) -> Tensor:
+    """Rows (B, n * columns) in float32, `ends` as -1 and 1; what does not vary becomes 0."""
     low, high = ends
     width = np.where(high > low, high - low, 1.0)
     middle = np.where(high > low, (low + high) / 2, low)
-    return 2 * (values - middle) / width
+    scaled = 2 * (values - middle) / width
+    return torch.from_numpy(scaled.reshape(len(scaled), -1)).float()

@@ -4,7 +4,7 @@ One file for each part of the reference, and `reference.py`, which finds what th
 a function that takes arrays has a case here, or a reason in `WITHOUT`.
 """
 
-from array_cases import couplings, data, flows, potentials, robots
+from array_cases import couplings, data, flows, policies, potentials, robots
 from array_cases.base import CASES, Case
 from array_cases.reference import WITHOUT, public, that_take_arrays
 
@@ -15,6 +15,7 @@ __all__ = [
     "couplings",
     "data",
     "flows",
+    "policies",
     "potentials",
     "public",
     "robots",

@@ -1,7 +1,5 @@
-import json
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,25 +11,23 @@ from cotlearn.flows.diffusion import Diffusion
 from cotlearn.flows.matching import conditional_flow_matching_loss
 from cotlearn.flows.solvers import integrate
 from cotlearn.policies.camera import CameraLoss, CameraNetwork, SeenFromT, TurnedMLP, shifted
-from cotlearn.policies.comparison import Protocol, bench, choose, samplers, summarise, with_choice
-from cotlearn.policies.pixels import CameraOptions
-from cotlearn.policies.policy import ChunkPolicy, FlowSampler
+from cotlearn.policies.comparison import choice, choose, with_choice
+from cotlearn.policies.methods import METHODS
+from cotlearn.policies.pixels import Pixels
+from cotlearn.policies.policy import ChunkPolicy
+from cotlearn.policies.samplers import FlowSampler
 from cotlearn.policies.settings import SETTINGS
-from cotlearn.policies.training import train
-from cotlearn.robots.push_t.definition import PUSH_T
+from cotlearn.policies.training import Options, train
 
-SMALL = CameraOptions(
+SMALL = Options(
     steps=4,
     batch_size=16,
     width=16,
     blocks=1,
     clusters=20,
     ot_batch_size=32,
-    size=16,
-    features=3,
-    components=4,
-    condition_clusters=5,
     condition_weight=1.0,
+    camera=Pixels(size=16, features=3, components=4, condition_clusters=5),
 )
 
 
@@ -184,71 +180,47 @@ def test_every_method_trains_and_is_kept(episodes, method, tmp_path):
     near = ChunkPolicy.load(tmp_path / "half.safetensors")
     assert near.network.camera == policy.network.camera
     assert near.act(history, noise=noise) == pytest.approx(policy.act(history, noise=noise), abs=5)
-    for sampler in samplers(policy):
+    for sampler in policy.sampler.variants:
         if sampler.draws == 1:
             assert policy.with_sampler(sampler).act(history).shape == (3, 8, 2)
 
 
 def test_the_coupling_sees_pictures(data, windows):
-    seen = SMALL.condition_of("stratified", data, windows)
+    seen = SMALL.pictures(METHODS["stratified"], data, windows)
     assert seen.labels(data.c).unique().numel() == 20
-    camera = SMALL.camera(windows)
-    assert torch.equal(seen.labels(data.c), seen.clusters.labels(camera(data.c)))
+    camera = SMALL.camera.camera(windows)
+    assert torch.equal(seen.labels(data.c), seen.inner.labels(camera(data.c)))
     other = data.c.clone()
     other[:, 2:6] = 0  # where the T was a step ago is in no picture
     assert torch.equal(seen.labels(other), seen.labels(data.c))
-    assert SMALL.condition_of("independent", data, windows) is None
-    coupling = SMALL.coupling_of("stratified", seen)
-    assert coupling.clusters is seen
+    assert SMALL.pictures(METHODS["independent"], data, windows) is None
+    assert METHODS["stratified"].coupling(SMALL, seen).clusters is seen
+    few = SMALL.pictures(METHODS["conditional_ot"], data, windows)
+    assert few.labels(data.c).unique().numel() == 5
 
 
 def test_bad_options():
-    with pytest.raises(ValueError, match="network 'camera' and frame 'agent', got 'camera' and 'b"):
+    with pytest.raises(ValueError, match="network 'mlp' and frame 'agent', got 'mlp' and 'body'"):
         replace(SMALL, frame="body")
     with pytest.raises(ValueError, match="size must be at least 1"):
-        replace(SMALL, size=0)
+        Pixels(size=0)
 
 
-def test_the_frontier_can_be_asked_for_pictures(data, windows, monkeypatch):
-    from cotlearn.policies.comparison import choice
+def test_options_that_used_to_be_flat():
+    with pytest.warns(FutureWarning, match="pixels.CameraOptions is called"):
+        from cotlearn.policies.pixels import CameraOptions
+    flat = CameraOptions(steps=4, shift=1)
+    assert flat == Options(steps=4, camera=Pixels(shift=1))
 
+
+def test_the_frontier_can_be_asked_for_pictures(episodes, monkeypatch):
     monkeypatch.setattr(choice, "FRONTIER_ROWS", 128)
     monkeypatch.setattr(choice, "FACTORS", (1.0, 100.0))
-    options = replace(SMALL, condition_weight=None)
-    chosen = choose("conditional_ot", data, options, windows=windows)
+    chosen = choose("conditional_ot", episodes, replace(SMALL, condition_weight=None))
     assert chosen["option"] == "condition_weight"
     assert len(chosen["frontier"]) == 3
-    assert with_choice("conditional_ot", None, options) is options  # COT Policy's rule
-    seen = options.condition_of("conditional_ot", data, windows)
-    assert options.coupling_of("conditional_ot", seen).condition_weight == "balanced"
-
-
-def test_a_small_bench(episodes, tmp_path, monkeypatch):
-    from cotlearn.policies.comparison import scores
-    from cotlearn.policies.rollout import rollout
-
-    def short(policy, **options):
-        return rollout(policy, **{**options, "max_steps": 9})
-
-    expert = SimpleNamespace(episode=lambda seed, *, state: SimpleNamespace(action=_still(state)))
-    monkeypatch.setitem(vars(PUSH_T), "expert", lambda: expert)
-    monkeypatch.setattr(scores, "SCORED_STATES", 10)
-    monkeypatch.setattr(scores, "SCORED_SAMPLES", 2)
-    monkeypatch.setattr(scores, "MODE_STARTS", 2)
-    monkeypatch.setattr(scores, "MODE_DRAWS", 2)
-    monkeypatch.setattr(scores, "rollout", short)
-    protocol = Protocol(options=SMALL, held_out=3, episodes=2)
-    options = {"protocol": protocol, "progress": False, "say": print}
-    methods = ["independent", "stratified"]
-    bench(episodes, folder=tmp_path / "c", methods=methods, seeds=[0], **options)
-    summary = summarise(tmp_path / "c", tmp_path / "s.json", command="cotlearn bench push-t-pixels")
-    assert summary["command"] == "cotlearn bench push-t-pixels"
-    assert summary["protocol"]["options"]["size"] == 16
-    assert len(json.loads((tmp_path / "s.json").read_text())["rows"]) == 10
-
-
-def _still(state):
-    return np.repeat(state[None, :2].clip(0, 512), 10, axis=0)
+    balanced = replace(SMALL, condition_weight="balanced")
+    assert with_choice("conditional_ot", None, balanced) is balanced  # COT Policy's rule
 
 
 def test_an_inner_network_of_the_right_size(network):

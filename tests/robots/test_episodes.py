@@ -3,14 +3,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
-from cotlearn.policies.windows import Windows
 from cotlearn.robots import episodes as module
-from cotlearn.robots.episodes import Episodes, read, split, write_lerobot
+from cotlearn.robots.episodes import read, split, write_lerobot
 from cotlearn.robots.episodes.lerobot import pose_of
 from cotlearn.robots.episodes.npz import write_arrays
-from cotlearn.robots.push_t import GOAL, corners
+from cotlearn.robots.push_t import corners
 from cotlearn.robots.push_t.task import KEYPOINTS, PIXEL, TURN
 
 
@@ -119,150 +117,6 @@ def test_other_and_damaged_files(episodes, tmp_path):
     (tmp_path / "notes").mkdir()
     with pytest.raises(ValueError, match=r"the layout of .* is unknown"):
         read(tmp_path / "notes")
-
-
-# --- windows --------------------------------------------------------------------------------------
-
-
-def test_windows_by_hand(episodes):
-    windows = Windows.fit(episodes, frame="world", scale="range")
-    history, actions = windows.cut(episodes)
-    assert history.shape == (len(episodes.state), 2, 5)
-    assert actions.shape == (len(episodes.state), 16, 2)
-    first, last = episodes.starts[1], episodes.ends[1] - 1
-    assert np.array_equal(history[first], episodes.state[[first, first]])
-    assert np.array_equal(history[first + 3], episodes.state[[first + 2, first + 3]])
-    assert np.array_equal(actions[first], episodes.action[first : first + 16])
-    assert np.array_equal(actions[last], np.repeat(episodes.action[[last]], 16, axis=0))
-    data = windows.dataset(episodes)
-    assert (data.dim, data.condition_dim) == (windows.dim, windows.condition_dim) == (32, 12)
-    assert data.x1.dtype == torch.float32
-    for values in (data.x1, data.c):
-        assert values.min() == pytest.approx(-1, abs=1e-6)
-        assert values.max() == pytest.approx(1, abs=1e-6)
-    low, high = windows.action_range
-    assert np.allclose((data.x1[first, :2].numpy() + 1) / 2 * (high - low) + low, actions[first, 0])
-
-
-def test_the_deviation_as_scale(episodes):
-    data = Windows.fit(episodes).dataset(episodes)
-    c = data.c.reshape(-1, 6)
-    assert torch.allclose(c.mean(dim=0), torch.zeros(6), atol=1e-5)
-    assert torch.allclose(c.std(dim=0), torch.ones(6), atol=1e-3)
-    x1 = data.x1.reshape(-1, 2)
-    assert torch.allclose(x1.mean(dim=0), torch.zeros(2), atol=1e-5)
-    assert torch.allclose(x1.std(dim=0), torch.ones(2), atol=1e-3)
-
-
-@pytest.mark.parametrize("frame", ["body", "world"])
-def test_actions_come_back(episodes, frame):
-    windows = Windows.fit(episodes, frame=frame, label="intention", predict=8)
-    history, actions = windows.cut(episodes, label="intention")
-    back = windows.actions(windows.chunks(actions, history), history)
-    assert np.allclose(back, actions, atol=1e-3)
-
-
-def test_the_body_frame_is_the_frame_of_the_t(episodes):
-    windows = Windows.fit(episodes)
-    unit = np.array([[-1.0], [1.0]])
-    raw = replace(windows, observation_range=unit * np.ones(6), action_range=unit * np.ones(2))
-    pose = np.array([100.0, 200.0, 0.7])
-    on_t = corners(pose, points=((10.0, 20.0), (0.0, 0.0), (-5.0, 60.0)))
-    history = np.array([[[*on_t[0], *pose], [*on_t[2], *pose]]])
-    c = raw.condition(history)[0].reshape(2, 6)
-    assert torch.allclose(c[:, :2], torch.tensor([[10.0, 20.0], [-5.0, 60.0]]), atol=1e-4)
-    goal = corners(pose, points=(tuple(c[1, 2:4].tolist()),))[0]
-    assert np.allclose(goal, GOAL[:2], atol=1e-3)
-    assert np.arctan2(float(c[1, 5]), float(c[1, 4])) == pytest.approx(GOAL[2] - 0.7, abs=1e-5)
-    chunk = np.broadcast_to(on_t[0], (1, 16, 2))
-    assert torch.allclose(raw.chunks(chunk, history)[0, :2], torch.tensor([10.0, 20.0]), atol=1e-4)
-
-
-def test_what_the_body_frame_sees_does_not_turn_with_the_world(episodes):
-    """A full turn of the angle changes nothing, in either frame."""
-    for frame in ("body", "world"):
-        windows = Windows.fit(episodes, frame=frame)
-        history, actions = windows.cut(episodes)
-        turned = history + np.array([0, 0, 0, 0, 2 * np.pi])
-        assert torch.allclose(windows.condition(turned), windows.condition(history), atol=1e-5)
-        chunk = windows.chunks(actions, history)
-        assert np.allclose(windows.actions(chunk, turned), actions, atol=1e-3)
-
-
-def test_whole_episodes_have_one_window(episodes):
-    windows = Windows.fit(episodes, observe=1, predict=40, whole=True)
-    history, actions = windows.cut(episodes)
-    assert history.shape == (len(episodes), 1, 5)
-    assert np.array_equal(history[:, 0], episodes.state[episodes.starts])
-    for number, (first, end) in enumerate(zip(episodes.starts, episodes.ends, strict=True)):
-        assert np.array_equal(actions[number, : end - first], episodes.action[first:end])
-        assert (actions[number, end - first :] == episodes.action[end - 1]).all()
-
-
-@pytest.mark.parametrize("frame", ["body", "world"])
-def test_knots(episodes, frame):
-    """A smooth way from rest to rest comes back from a quarter of its points."""
-    windows = Windows.fit(episodes, frame=frame, predict=40, knots=10)
-    assert (windows.points, windows.dim) == (10, 20)
-    history, _ = windows.cut(episodes)
-    share = np.linspace(0, 1, 41)[1:]
-    share = share**2 * (3 - 2 * share)
-    here = history[:, -1:, :2]
-    way = here + share[:, None] * (np.array([300.0, 200.0]) - here)
-    x = windows.chunks(way, history)
-    assert x.shape == (len(history), 20)
-    assert np.allclose(windows.actions(x, history), way, atol=0.1)
-    seen = windows.chunks(np.repeat(np.arange(40.0)[:, None], 2, axis=1)[None], history[:1])
-    if frame == "world":
-        low, high = windows.action_range
-        at_knots = (seen.numpy().reshape(10, 2) + 1) / 2 * (high - low) + low
-        assert np.allclose(at_knots[:, 0], [3, 7, 11, 15, 19, 23, 27, 31, 35, 39], atol=1e-3)
-
-
-def test_windows_survive_json(episodes):
-    windows = Windows.fit(episodes, knots=4, whole=True)
-    again = Windows.from_about(json.loads(json.dumps(windows.about())))
-    assert (again.knots, again.whole, again.task) == (4, True, windows.task)
-    history, _ = windows.cut(episodes)
-    assert torch.equal(again.condition(history), windows.condition(history))
-
-
-@pytest.mark.parametrize(
-    ("call", "error", "message"),
-    [
-        (lambda w, e: w.condition(np.zeros((3, 1, 5))), ValueError, r"shape \(rows, 2, 5\)"),
-        (lambda w, e: w.condition(np.zeros((2, 5))), ValueError, r"got \(2, 5\)"),
-        (lambda w, e: w.condition(np.full((3, 2, 5), np.nan)), ValueError, r"rows \[0, 1, 2\]"),
-        (lambda w, e: w.condition(np.full((3, 2, 5), "a")), TypeError, "history must hold real"),
-        (
-            lambda w, e: w.actions(torch.zeros(3, 30), np.zeros((3, 2, 5))),
-            ValueError,
-            r"x must have shape \(3, 32\), got \(3, 30\)",
-        ),
-        (
-            lambda w, e: w.chunks(np.zeros((3, 8, 2)), np.zeros((3, 2, 5))),
-            ValueError,
-            r"actions must have shape \(3, 16, 2\)",
-        ),
-        (lambda w, e: Windows.fit(e, frame="room"), ValueError, "frame must be one of body"),
-        (lambda w, e: Windows.fit(e, scale="unit"), ValueError, "scale must be one of deviation"),
-        (lambda w, e: Windows.fit(e, predict=0), ValueError, "predict must be at least 1"),
-        (lambda w, e: Windows.fit(e, knots=17), ValueError, "knots must be at most the 16"),
-        (
-            lambda w, e: w.dataset(replace(e, intention=None), label="intention"),
-            ValueError,
-            "a few has no intentions",
-        ),
-        (
-            lambda w, e: replace(w, action_range=np.array([[1.0, 1.0], [0.0, 0.0]])),
-            ValueError,
-            "action_range must hold the smallest values first",
-        ),
-    ],
-)
-def test_bad_windows(episodes, call, error, message):
-    with pytest.raises(error, match=message):
-        call(Windows.fit(episodes), episodes)
 
 
 # --- other layouts --------------------------------------------------------------------------------
@@ -386,11 +240,3 @@ def test_a_missing_package_is_named(monkeypatch, tmp_path):
     monkeypatch.setattr(importlib, "import_module", missing)
     with pytest.raises(ModuleNotFoundError, match=r"zarr is not installed.*cotlearn\[formats\]"):
         module.read_replay_buffer(tmp_path / "x.zarr")
-
-
-def test_any_constant_column_becomes_zero():
-    state = np.tile([100.0, 100.0, 200.0, 200.0, 0.5], (30, 1))
-    still = Episodes(state, state[:, :2], np.array([30]))
-    data = Windows.fit(still).dataset(still)
-    assert torch.allclose(data.c, torch.zeros(30, 12), atol=1e-6)
-    assert torch.allclose(data.x1, torch.zeros(30, 32), atol=1e-6)

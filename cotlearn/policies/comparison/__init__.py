@@ -1,9 +1,8 @@
 """The comparison of policies: one file for each (method, seed), and a summary of all of them."""
 
-from cotlearn.policies.comparison.cells import bench, measure_latency
-from cotlearn.policies.comparison.choice import choose, with_choice
-from cotlearn.policies.comparison.protocol import Protocol
-from cotlearn.policies.comparison.scores import evaluate, held_out_score, mode_draws, samplers
+from cotlearn.policies.comparison.cells import Protocol, bench, measure_latency
+from cotlearn.policies.comparison.choice import choose, seen_by, with_choice
+from cotlearn.policies.comparison.scores import evaluate, held_out_score, mode_draws
 from cotlearn.policies.comparison.summary import summarise
 
 __all__ = [
@@ -14,7 +13,7 @@ __all__ = [
     "held_out_score",
     "measure_latency",
     "mode_draws",
-    "samplers",
+    "seen_by",
     "summarise",
     "with_choice",
 ]

@@ -8,32 +8,18 @@ from typing import Any
 from cotlearn.couplings import Coupling, Independent
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import frontier
+from cotlearn.policies.methods import Method, find_method
 from cotlearn.policies.training import Options
-from cotlearn.policies.windows import Windows
 from cotlearn.robots.episodes import Episodes
 
 #: condition weights, as multiples of the ratio of sample to condition variance
 FACTORS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 STRATUM_ROWS = (10, 20, 40, 80, 160, 320)  #: rows of a stratum, on average
 FRONTIER_ROWS = 4096  #: pairs that are looked at for each value
-
-#: the option of a method that may be left open
-_OPEN = {
-    "conditional_ot": "condition_weight",
-    "stratified": "clusters",
-    "residual": "clusters",
-    "centred": "clusters",  #: those of "stratified": its regression is not trained yet
-}
+_COLUMNS = ("name", "skew", "flagged", "one_step_variance", "one_step_error", "candidates")
 
 
-def choose(
-    method: str,
-    data: Dataset,
-    options: Options,
-    *,
-    windows: Windows | None = None,
-    seed: int = 0,
-) -> dict[str, Any]:
+def choose(method: str | Method, training: Episodes, options: Options) -> dict[str, Any]:
     """Chooses the open option of a method, without any training or rollout.
 
     It is the value with the smallest one-step variance whose prior skew is not significant; if all
@@ -42,33 +28,28 @@ def choose(
     for independent pairs.)
 
     Args:
-        method: whose option is open.
-        data: that the training would see.
+        method: whose option is open; one with `prepare` is looked at as it is before.
+        training: episodes that the training would see.
         options: of the training.
-        windows: that made the data; only options of a camera need them.
-        seed: of the frontier.
 
     Returns:
         "option", "value", "reason", and the points of the "frontier".
     """
+    method = find_method(method)
+    windows = options.windows(training)
+    data = windows.dataset(training, label=options.label)
     assert data.c is not None
-    option = _OPEN[method]
-    values: list[Any] = _weights(data) if option == "condition_weight" else _strata(data)
+    values = _CANDIDATES[method.open_option](data)
     couplings: dict[str, Coupling] = {"independent": Independent()}
-    seen = None
+    pictures = None
     for value in values:
-        changed: dict[str, Any] = {option: value}
+        changed: dict[str, Any] = {method.open_option: value}
         tried = replace(options, **changed)
-        if seen is None or option == "clusters":
-            seen = tried.condition_of(method, data, windows)
-        couplings[f"{value:g}"] = tried.coupling_of(method, seen)
+        if pictures is None or method.open_option == "clusters":
+            pictures = tried.pictures(method, data, windows)
+        couplings[f"{value:g}"] = method.coupling(tried, pictures)
     found = frontier(
-        data.x1,
-        data.c,
-        couplings,
-        batch_size=options.ot_batch_size,
-        rows=FRONTIER_ROWS,
-        seed=seed,
+        data.x1, data.c, couplings, batch_size=options.ot_batch_size, rows=FRONTIER_ROWS
     )
     points = list(zip(values, list(found)[1:], strict=True))
     clean = [(value, point) for value, point in points if not point.flagged]
@@ -79,41 +60,29 @@ def choose(
         best = min(points, key=lambda pair: pair[1].skew)[0]
         reason = "every value skews the prior significantly; this one least"
     return {
-        "option": option,
+        "option": method.open_option,
         "value": best,
         "reason": reason,
-        "frontier": [
-            {
-                "name": point.name,
-                "skew": point.skew,
-                "flagged": point.flagged,
-                "one_step_variance": point.one_step_variance,
-                "one_step_error": point.one_step_error,
-                "candidates": point.candidates,
-            }
-            for point in found
-        ],
+        "frontier": [{name: getattr(point, name) for name in _COLUMNS} for point in found],
     }
 
 
-def with_choice(method: str, training: Episodes, options: Options) -> Options:
+def with_choice(method: str | Method, training: Episodes, options: Options) -> Options:
     """The options, with what the method leaves open chosen by the frontier."""
     if not is_open(method, options):
         return options
-    windows = options.fitting(training).windows(training)
-    chosen = choose(method, seen_by(training, options), options, windows=windows)
+    chosen = choose(method, training, options)
     return replace(options, **{chosen["option"]: chosen["value"]})
 
 
-def is_open(method: str, options: Options) -> bool:
+def is_open(method: str | Method, options: Options) -> bool:
     """Whether the method has an option that is to be chosen."""
-    open_ = method in _OPEN and getattr(options, _OPEN[method]) is None
-    return open_ and options.asks_the_frontier(method)
+    option = find_method(method).open_option
+    return bool(option) and getattr(options, option) is None
 
 
 def seen_by(training: Episodes, options: Options) -> Dataset:
     """The rows that a training of these options would see."""
-    options = options.fitting(training)
     return options.windows(training).dataset(training, label=options.label)
 
 
@@ -124,5 +93,8 @@ def _weights(data: Dataset) -> list[float]:
     return [factor * ratio for factor in FACTORS]
 
 
-def _strata(data: Dataset) -> list[int]:
+def _strata(data: Dataset) -> list[float]:
     return sorted({max(1, len(data) // rows) for rows in STRATUM_ROWS})
+
+
+_CANDIDATES = {"condition_weight": _weights, "clusters": _strata}

@@ -7,19 +7,11 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from cotlearn.couplings.base import generator_for
 from cotlearn.datasets import Dataset
 from cotlearn.metrics import energy_score, mode_entropy
-from cotlearn.policies.policy import (
-    ChunkPolicy,
-    DDIMSampler,
-    DDPMSampler,
-    FlowSampler,
-    MeanSampler,
-    Sampler,
-)
+from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import rollout
 
 SCORED_STATES, SCORED_SAMPLES = 1000, 8  #: of the energy score
@@ -27,23 +19,9 @@ MODE_SEED = 2_000_000  #: seed of the first start from which modes are counted
 MODE_STARTS, MODE_DRAWS = 25, 16
 
 
-def samplers(policy: ChunkPolicy) -> list[Sampler]:
-    """The ways in which a policy is drawn from, in the family of its own sampler."""
-    own = policy.sampler
-    if isinstance(own, MeanSampler):
-        return [own]
-    if isinstance(own, DDPMSampler):
-        spacings = ("leading", "trailing")
-        few = [DDIMSampler(n, own.levels, s, own.clip) for n in (4, 16) for s in spacings]
-        return [own, *few]
-    return [*(FlowSampler(nfe) for nfe in (1, 2, 4, 16)), FlowSampler(2, "midpoint")]
-
-
-def evaluate(
-    policy: ChunkPolicy, held: Dataset, *, episodes: int, progress: bool | None = None
-) -> dict[str, Any]:
+def evaluate(policy: ChunkPolicy, held: Dataset, *, episodes: int) -> dict[str, Any]:
     """Rollouts, energy score, modes and latency of one policy, JSON-compatible."""
-    done = rollout(policy, episodes=episodes, progress=progress)
+    done = rollout(policy, episodes=episodes)
     kept = [name for name in done.outcomes if name not in ("mode", *done.task.thresholds)]
     return {
         "nfe": policy.sampler.nfe,
@@ -58,21 +36,18 @@ def evaluate(
     }
 
 
-def held_out_score(policy: ChunkPolicy, held: Dataset, *, seed: int = 0) -> float:
+def held_out_score(policy: ChunkPolicy, held: Dataset) -> float:
     """The energy score of chunks at held-out states, in the units that the network works in."""
     assert held.c is not None
-    rng = generator_for(seed, 0, purpose=17)
+    rng = generator_for(0, 0, purpose=17)
     rows = torch.randperm(len(held), generator=rng)[:SCORED_STATES]
     c, truth = held.c[rows], held.x1[rows]
-    draws: list[Tensor] = []
-    for _ in range(SCORED_SAMPLES):
-        noise = policy.noise(len(rows), rng)
-        draws.append(policy.draw(noise, c))
+    draws = [policy.draw(policy.noise(len(rows), rng), c) for _ in range(SCORED_SAMPLES)]
     return energy_score(torch.stack(draws), truth)
 
 
 def mode_draws(policy: ChunkPolicy) -> NDArray[np.int64]:
-    """The modes (MODE_STARTS, MODE_DRAWS) in which a policy goes about the same starts."""
+    """The modes (MODE_STARTS, MODE_DRAWS) that a policy takes from the same starts."""
     seeds = np.repeat(np.arange(MODE_SEED, MODE_SEED + MODE_STARTS), MODE_DRAWS)
     steps = policy.windows.task.mode_steps
     done = rollout(policy, seeds=seeds.tolist(), max_steps=steps, progress=False)

@@ -2,34 +2,31 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cotlearn.metrics import paired_bootstrap, wilson_interval
-from cotlearn.policies.comparison.cells import DEMONSTRATED
-from cotlearn.policies.comparison.protocol import write_json
+from cotlearn.policies.comparison.cells import DEMONSTRATED, read_record
+from cotlearn.policies.methods import METHODS
 from cotlearn.policies.rollout import with_thresholds
-from cotlearn.policies.training import METHODS
+from cotlearn.results import read_json, write_json
 from cotlearn.robots.registry import find_task
 from cotlearn.robots.task import Array
 
 REFERENCE = ("independent", "euler-16")  #: what all others are compared to
 
-Cell = dict[str, Any]
+Cells = dict[int, dict[str, Any]]  #: of one method, by seed
 
 
-def summarise(
-    folder: str | Path, path: str | Path, *, command: str | None = None
-) -> dict[str, Any]:
+def summarise(folder: Path, path: Path, *, command: str) -> dict[str, Any]:
     """Writes one file about all cells of a folder: means, every seed, intervals, comparisons.
 
     Args:
         folder: of the cells.
         path: the file to write.
-        command: that made the cells; `cotlearn bench` and the task if None.
+        command: that made the cells.
 
     Returns:
         What was written.
@@ -37,75 +34,59 @@ def summarise(
     Raises:
         ValueError: there is no cell, or they were made with different protocols.
     """
-    files = sorted(Path(folder).glob("*-*.json"))
-    cells = [json.loads(file.read_text(encoding="utf-8")) for file in files]
-    if not cells:
+    files = {file: read_json(file) for file in sorted(folder.glob("*-*.json"))}
+    if not files:
         raise ValueError(f"{folder} holds no cells yet: run cotlearn bench")
-    for file, cell in zip(files, cells, strict=True):
-        if cell["protocol"] != cells[0]["protocol"]:
-            raise ValueError(f"{file} was made with another protocol than {files[0]}")
-    rows = [_row(cells, method, name) for method in METHODS for name in _names(cells, method)]
-    if any((row["method"], row["sampler"]) == REFERENCE for row in rows):
-        for row in rows:
-            row["against_reference"] = _compare(cells, row["method"], row["sampler"])
-    trained = {
-        method: _training([cell for cell in cells if cell["method"] == method])
-        for method in METHODS
-        if _names(cells, method)
-    }
-    name = cells[0]["protocol"]["task"]
+    first = next(iter(files.values()))
+    for file, cell in files.items():
+        if read_record(cell["protocol"]) != read_record(first["protocol"]):
+            raise ValueError(f"{file} was made with another protocol than {next(iter(files))}")
+    cells: dict[str, Cells] = {}
+    for method in METHODS:
+        if mine := [cell for cell in files.values() if cell["method"] == method]:
+            cells[method] = {cell["seed"]: cell for cell in mine}
+    ways = [(m, name) for m in cells for name in next(iter(cells[m].values()))["samplers"]]
+    rows = [_row(cells[method], method, name) for method, name in ways]
+    if REFERENCE in ways:
+        for row, (method, name) in zip(rows, ways, strict=True):
+            row["against_reference"] = _compare(cells[method], name, cells[REFERENCE[0]])
+    task, demonstrated = first["protocol"]["task"], folder / DEMONSTRATED
+    entropy = read_json(demonstrated)["mode_entropy"] if demonstrated.is_file() else None
     summary = {
-        "question": f"{name}: how good are policies of each coupling at few evaluations?",
-        "command": command or f"cotlearn bench {name}",
-        "protocol": cells[0]["protocol"],
+        "question": f"{task}: how good are policies of each coupling at few evaluations?",
+        "command": command,
+        "protocol": first["protocol"],
         "reference": dict(zip(("method", "sampler"), REFERENCE, strict=True)),
-        "demonstrations": _demonstrations(Path(folder) / DEMONSTRATED),
+        "demonstrations": {} if entropy is None else {"mode_entropy": entropy},
         "rows": rows,
-        "training": trained,
-        **{key: cells[0][key] for key in ("versions", "machine")},
+        "training": {method: _training(list(mine.values())) for method, mine in cells.items()},
+        **{key: first[key] for key in ("versions", "machine")},
     }
-    write_json(Path(path), summary)
+    write_json(path, summary)
     return summary
 
 
-def _demonstrations(path: Path) -> dict[str, Any]:
-    """How many ways the demonstrator has, to compare "mode_entropy" of the rows to."""
-    if not path.is_file():
-        return {}
-    return {"mode_entropy": json.loads(path.read_text(encoding="utf-8"))["mode_entropy"]}
-
-
-def _names(cells: list[Cell], method: str) -> list[str]:
-    mine = [cell for cell in cells if cell["method"] == method]
-    return list(mine[0]["samplers"]) if mine else []
-
-
-def _scores(cells: list[Cell], method: str, sampler: str) -> dict[int, Any]:
-    """seed -> what this cell says of this sampler."""
-    mine = [cell for cell in cells if cell["method"] == method]
-    return {cell["seed"]: cell["samplers"][sampler] for cell in mine}
-
-
-def _outcomes(cells: list[Cell], method: str, sampler: str) -> dict[str, dict[int, Array]]:
+def _outcomes(cells: Cells, sampler: str) -> dict[str, dict[int, Array]]:
     """outcome -> seed -> (episodes,)."""
-    task = find_task(cells[0]["protocol"]["task"])
     result: dict[str, dict[int, Array]] = {}
-    for seed, score in _scores(cells, method, sampler).items():
-        found = {name: np.array(values) for name, values in score["outcomes"].items()}
+    for seed, cell in cells.items():
+        stored = cell["samplers"][sampler]["outcomes"]
+        found = {name: np.array(values) for name, values in stored.items()}
+        task = find_task(cell["protocol"]["task"])
         for name, values in with_thresholds(task, found).items():
             result.setdefault(name, {})[seed] = values
     return result
 
 
-def _row(cells: list[Cell], method: str, sampler: str) -> dict[str, Any]:
+def _row(cells: Cells, method: str, sampler: str) -> dict[str, Any]:
     """Means, the value of every seed, and intervals.
 
     Wilson's for the successes of one network, a bootstrap over seeds and episodes for the mean.
     """
-    scores = _scores(cells, method, sampler)
-    nfe = next(iter(scores.values()))["nfe"]
-    row: dict[str, Any] = {"method": method, "sampler": sampler, "nfe": nfe, "seeds": list(scores)}
-    for name, of_seed in _outcomes(cells, method, sampler).items():
+    scores = [cell["samplers"][sampler] for cell in cells.values()]
+    row: dict[str, Any] = {"method": method, "sampler": sampler, "nfe": scores[0]["nfe"]}
+    row["seeds"] = list(cells)
+    for name, of_seed in _outcomes(cells, sampler).items():
         values = np.array(list(of_seed.values()))
         row[name], *interval = paired_bootstrap(values, np.zeros_like(values))
         row[f"{name}_interval"] = interval
@@ -113,32 +94,32 @@ def _row(cells: list[Cell], method: str, sampler: str) -> dict[str, Any]:
         if np.isin(values, (0, 1)).all():
             row[f"{name}_wilson"] = [wilson_interval(int(v.sum()), len(v)) for v in values]
     for name in ("energy_score", "mode_entropy", "latency_ms"):
-        each = [score[name] for score in scores.values()]
+        each = [score[name] for score in scores]
         row[name], row[f"{name}_of_seeds"] = float(np.mean(each)), each
     for name in ("steps", "jerk"):
-        row[name] = float(np.mean([score["summary"][name] for score in scores.values()]))
+        row[name] = float(np.mean([score["summary"][name] for score in scores]))
     return row
 
 
-def _compare(cells: list[Cell], method: str, sampler: str) -> dict[str, Any] | None:
+def _compare(cells: Cells, sampler: str, reference: Cells) -> dict[str, Any] | None:
     """Differences to the reference over the seeds that both have, paired by seed and episode."""
-    mine, theirs = _outcomes(cells, method, sampler), _outcomes(cells, *REFERENCE)
-    shared = sorted(set(_scores(cells, method, sampler)) & set(_scores(cells, *REFERENCE)))
+    shared = sorted(set(cells) & set(reference))
     if not shared:
         return None
-    differences: dict[str, Any] = {}
+    mine, theirs = _outcomes(cells, sampler), _outcomes(reference, REFERENCE[1])
+    differences: dict[str, Any] = {"seeds": shared}
     for name in mine:
         first, second = (np.array([one[name][k] for k in shared]) for one in (mine, theirs))
         differences[name] = paired_bootstrap(first, second)
-    return {"seeds": shared, **differences}
+    return differences
 
 
-def _training(cells: list[Cell]) -> dict[str, Any]:
+def _training(cells: list[dict[str, Any]]) -> dict[str, Any]:
     each = [cell["training"] for cell in cells]
-    chosen = next((cell["chosen"] for cell in cells if "chosen" in cell), None)
-    return {
-        "seconds": [round(one["seconds"], 1) for one in each],
-        "cpu_seconds_of_last_run": [round(one["cpu_seconds_of_last_run"], 1) for one in each],
-        "parameters": each[0]["parameters"],
-        **({} if chosen is None else {"chosen": chosen}),
+    found: dict[str, Any] = {
+        name: [round(one[name], 1) for one in each]
+        for name in ("seconds", "cpu_seconds_of_last_run")
     }
+    found["parameters"] = each[0]["parameters"]
+    chosen = [cell["chosen"] for cell in cells if "chosen" in cell]
+    return {**found, "chosen": chosen[0]} if chosen else found

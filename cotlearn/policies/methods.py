@@ -1,0 +1,211 @@
+"""The methods that are trained and compared: one row for each, and no list of them elsewhere.
+
+Training, comparison and the help of the commands read `METHODS`. A new method is a class (of a
+coupling, a loss or a sampler), its test, and a row here.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from cotlearn.couplings import (
+    ConditionalOT,
+    Coupling,
+    Independent,
+    MinibatchOT,
+    ModelAligned,
+    StratifiedOT,
+)
+from cotlearn.couplings.base import generator_for
+from cotlearn.couplings.conditional import BALANCED
+from cotlearn.couplings.conditions import EmbeddedClusters
+from cotlearn.couplings.reflow import FixedPairs
+from cotlearn.couplings.transformed import centred
+from cotlearn.datasets import Dataset
+from cotlearn.flows.diffusion import Diffusion, predict, regression_loss
+from cotlearn.flows.matching import EarlyFlowMatching, Loss, conditional_flow_matching_loss
+from cotlearn.flows.solvers import integrate
+from cotlearn.policies.samplers import DDPMSampler, FlowSampler, MeanSampler, Sampler
+from cotlearn.validation import check_choice
+
+if TYPE_CHECKING:
+    from cotlearn.policies.training import Options, Run
+
+
+def _independent(options: Options, pictures: EmbeddedClusters | None) -> Coupling:
+    return Independent()
+
+
+def _flow_matching(options: Options) -> Loss:
+    if options.share_at_t0:
+        return EarlyFlowMatching(options.share_at_t0)
+    return conditional_flow_matching_loss
+
+
+def _integrated(clip: float) -> Sampler:
+    return FlowSampler(nfe=16)
+
+
+@dataclass(frozen=True)
+class Method:
+    """A row of the table.
+
+    Attributes:
+        name: as in `cotlearn train --coupling NAME`, and in the table of looks of `plots.style`;
+            one that is not there gets a free look.
+        description: one line, for the help.
+        coupling: makes the coupling from the options and the clusters of pictures that were asked
+            for; None where there is no camera.
+        loss: makes the loss from the options.
+        sampler: makes the sampler of most evaluations from the largest value in the chunks.
+        open_option: the option that the frontier chooses where it is None.
+        pictures: how many clusters of a camera's pictures the coupling is given; None: none.
+        teacher: the method whose policy, of the same seed, is trained before.
+        prepare: changes a training before it starts: a regression, the pairs of a teacher.
+    """
+
+    name: str
+    description: str
+    coupling: Callable[[Options, EmbeddedClusters | None], Coupling] = _independent
+    loss: Callable[[Options], Loss] = _flow_matching
+    sampler: Callable[[float], Sampler] = _integrated
+    open_option: str = ""
+    pictures: Callable[[Options], int | None] | None = None
+    teacher: str = ""
+    prepare: Callable[[Run], None] | None = None
+
+
+def _conditional(options: Options, pictures: EmbeddedClusters | None) -> Coupling:
+    weight = BALANCED if options.condition_weight is None else options.condition_weight
+    return ConditionalOT(weight, condition=pictures)
+
+
+def _stratified(
+    options: Options, pictures: EmbeddedClusters | None, *, residual: bool = False
+) -> StratifiedOT:
+    if options.clusters is None:
+        raise ValueError("clusters must be a number, got None: `with_choice` asks the frontier")
+    return StratifiedOT(pictures or options.clusters, residual=residual)
+
+
+def _centre(run: Run) -> None:
+    """Pairs what a regression on the condition leaves of the chunks.
+
+    The regression is trained for a fifth of the steps only: one that remembers the rows would
+    leave nothing of them.
+    """
+    steps = max(1, run.options.steps // 5)
+    first = replace(
+        run,
+        options=replace(run.options, steps=steps),
+        coupling=Independent(),
+        loss=regression_loss,
+    )
+    network = first.fit("regression_").network
+
+    def mean(c: Tensor) -> Tensor:
+        parts = (predict(network, o.new_zeros(len(o), run.data.dim), o) for o in c.split(8192))
+        return torch.cat(list(parts))
+
+    run.coupling, run.seconds = centred(run.coupling, mean), first.seconds
+
+
+def _distil(run: Run) -> None:
+    """The student starts from its teacher's weights, and learns pairs that the teacher made."""
+    assert run.teacher is not None
+    started = time.perf_counter()
+    rng = generator_for(run.seed, 0, purpose=21)
+    _, c = run.data.sample(run.options.reflow_pairs, generator=rng)
+    assert c is not None
+    x0 = torch.randn(len(c), run.data.dim, generator=rng)
+    run.network = run.teacher.policy.network
+    parts = [
+        integrate(run.network, noise, some, nfe=run.options.reflow_nfe).x1
+        for noise, some in zip(x0.split(4096), c.split(4096), strict=True)
+    ]
+    run.data = Dataset(torch.cat(parts), c, name=f"{run.data.name}, made by a teacher")
+    run.coupling = FixedPairs(x0)
+    run.seconds = run.teacher.seconds + time.perf_counter() - started
+
+
+METHODS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        Method("independent", "flow matching, independent pairs"),
+        Method(
+            "minibatch_ot",
+            "flow matching, naive minibatch OT",
+            coupling=lambda options, pictures: MinibatchOT(),
+        ),
+        Method(
+            "conditional_ot",
+            "flow matching, COT with a condition weight",
+            coupling=_conditional,
+            open_option="condition_weight",
+            pictures=lambda options: options.camera.condition_clusters if options.camera else None,
+        ),
+        Method(
+            "stratified",
+            "flow matching, one assignment for each cluster of conditions and epoch",
+            coupling=_stratified,
+            open_option="clusters",
+            pictures=lambda options: options.clusters,
+        ),
+        Method(
+            "residual",
+            "as stratified, on the residuals of a linear regression in each cluster",
+            coupling=lambda options, pictures: _stratified(options, pictures, residual=True),
+            open_option="clusters",
+            pictures=lambda options: options.clusters,
+        ),
+        Method(
+            "centred",
+            "as stratified, on the residuals of one regression that is trained before",
+            coupling=_stratified,
+            open_option="clusters",
+            prepare=_centre,
+        ),
+        Method(
+            "aligned",
+            "flow matching, model-aligned pairs (MAC, weighted)",
+            coupling=lambda options, pictures: ModelAligned(
+                "weighted", warmup_steps=options.steps // 5
+            ),
+        ),
+        Method(
+            "reflow",
+            "rectified flow on the pairs of a flow with independent pairs",
+            teacher="independent",
+            prepare=_distil,
+        ),
+        Method(
+            "behaviour_cloning",
+            "regression of the chunk, mean squared error",
+            loss=lambda options: regression_loss,
+            sampler=lambda clip: MeanSampler(),
+        ),
+        Method(
+            "diffusion",
+            "DDPM with 100 levels",
+            loss=lambda options: Diffusion().loss,
+            sampler=lambda clip: DDPMSampler(clip=clip),
+        ),
+    )
+}
+
+
+def find_method(method: str | Method) -> Method:
+    """The row of this name; a row of one's own is returned as it is.
+
+    Raises:
+        ValueError: there is none of this name.
+    """
+    if isinstance(method, Method):
+        return method
+    return METHODS[check_choice(method, "method", tuple(METHODS))]
