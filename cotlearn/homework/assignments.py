@@ -14,8 +14,8 @@ from pathlib import Path
 
 from cotlearn import assets
 
-_MARK = re.compile(r"#\s*(BEGIN|END) (QUESTION|TESTS|SOLUTION)")
 _CONFIG = re.compile(r'""" +# BEGIN TEST CONFIG\n(.*?)""" +# END TEST CONFIG\n', re.DOTALL)
+_POINTS = re.compile(r"^points: *([\d.]+)$", re.MULTILINE)
 _MESSAGE = re.compile(r"^failure_message: *(.*)$", re.MULTILINE)
 
 
@@ -109,38 +109,29 @@ def read(path: Path, name: str) -> Assignment:
 
     notebook = execution.read(path)
     questions: list[Question] = []
-    open_question = testing = False
     tests: list[HiddenTest] = []
     for cell in notebook.cells:
-        if cell.cell_type == "raw":
-            mark = _MARK.match(cell.source)
-            if mark and mark[2] == "TESTS":
-                testing = mark[1] == "BEGIN"
-            elif mark and mark[2] == "QUESTION":
-                if mark[1] == "END" and open_question:
-                    raise ValueError(f"{path.name}: a question has no cell tagged 'check'")
-                open_question = mark[1] == "BEGIN"
-        elif cell.cell_type == "code" and testing:
-            tests.append(_hidden_test(cell.source))
+        if config := _CONFIG.match(cell.source):
+            hint = _MESSAGE.search(config[1])
+            points = _POINTS.search(config[1])
+            tests.append(
+                HiddenTest(
+                    source=cell.source[config.end() :],
+                    points=float(points[1]) if points else 1.0,
+                    hint=hint[1].strip("\"' ") if hint else "",
+                )
+            )
         elif "check" in cell.metadata.get("tags", []):
             called = _checks(cell.source)
             questions += [Question(item, answer, tuple(tests)) for answer, item in called]
-            open_question, tests = False, []
+            tests = []
+        elif tests and cell.source.startswith("# BEGIN QUESTION"):
+            break
+    if tests:
+        raise ValueError(f"{path.name}: a question has no cell tagged 'check'")
     code = (str(cell.source) for cell in notebook.cells if cell.cell_type == "code")
     title = execution.title(notebook)
     return Assignment(name, title, tuple(questions), next(code, ""), path)
-
-
-def _hidden_test(source: str) -> HiddenTest:
-    config = _CONFIG.match(source)
-    text = config[1] if config else ""
-    hint = _MESSAGE.search(text)
-    points = re.search(r"^points: *([\d.]+)$", text, re.MULTILINE)
-    return HiddenTest(
-        source=source[config.end() :] if config else source,
-        points=float(points[1]) if points else 1.0,
-        hint=hint[1].strip("\"' ") if hint else "",
-    )
 
 
 def _checks(source: str) -> list[tuple[str, str]]:

@@ -243,6 +243,10 @@ def said(error: BaseException) -> str:
         return "asked for more memory than it may have; look at the shapes that meet in it"
     if isinstance(error, RecursionError):
         return "called itself without end (RecursionError)"
+    if isinstance(error, SystemExit | GeneratorExit):
+        return "ended Python (exit or quit); use return to leave a function"
+    if isinstance(error, KeyboardInterrupt):
+        return "was interrupted"
     if isinstance(error, EOFError):
         return "waited for input, and nobody is there to type"
     return f"raised {_described(error)}"

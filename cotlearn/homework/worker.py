@@ -27,12 +27,8 @@ if TYPE_CHECKING:
 PRINT_LIMIT = 1_000_000
 
 
-class _TooMuchPrinted(BaseException):
-    """The answer floods the output; no Exception, so that no `except Exception` swallows it."""
-
-
-class _Unusable(Exception):
-    """The answer cannot be checked; the message says why."""
+class _Stop(BaseException):
+    """The answer cannot go on, and why; no Exception, so that no `except` in it swallows this."""
 
 
 @dataclass(frozen=True)
@@ -80,14 +76,8 @@ def run(job: Job, folder: str, seconds: float, gigabytes: float, channel: Connec
     problem: str | None = None
     try:
         _question(job, namespace, channel)
-    except _Unusable as reason:
+    except _Stop as reason:
         problem = str(reason)
-    except _TooMuchPrinted:
-        problem = f"your answer printed more than {PRINT_LIMIT:,} characters; remove the print"
-    except (SystemExit, GeneratorExit):
-        problem = "your answer ended Python (exit or quit); use return to leave a function"
-    except KeyboardInterrupt:
-        problem = "your answer was interrupted"
     except BaseException as error:
         problem = f"your answer {registry.said(error)}"
     _send(channel, {"end": True, "problem": problem})
@@ -102,7 +92,7 @@ def _question(job: Job, namespace: dict[str, Any], channel: Connection) -> None:
     try:
         answer = eval(job.answer, namespace)
     except Exception as error:
-        raise _Unusable(f"{job.answer} {registry.said(error)}") from error
+        raise _Stop(f"{job.answer} {registry.said(error)}") from error
     verdict, sentence = registry.judge(answer, job.name)
     _send(channel, {"verdict": verdict, "sentence": sentence})
     for index, test in enumerate(job.tests):
@@ -128,7 +118,7 @@ def _run_cell(cell: Cell, namespace: dict[str, Any], *, own: bool) -> None:
         if own:
             which = f"your cell (number {cell.number} of the notebook)"
         where = f", line {at[-1]}," if at else ""
-        raise _Unusable(f"{which}{where} {registry.said(error)}") from error
+        raise _Stop(f"{which}{where} {registry.said(error)}") from error
 
 
 def _complaint(test: HiddenTest, namespace: dict[str, Any]) -> str:
@@ -176,7 +166,9 @@ class _Counted(io.TextIOBase):
         self.rest -= len(text)
         if self.rest < 0:
             self.rest = PRINT_LIMIT  # so that the last words can be said
-            raise _TooMuchPrinted
+            raise _Stop(
+                f"your answer printed more than {PRINT_LIMIT:,} characters; remove the print"
+            )
         return len(text)
 
     def writable(self) -> bool:
@@ -191,23 +183,18 @@ def _limit(seconds: float, gigabytes: float) -> None:
         return
     used = resource.getrusage(resource.RUSAGE_SELF)
     whole = math.ceil(used.ru_utime + used.ru_stime + seconds)
-    _set(resource.RLIMIT_CPU, whole, whole + 5)
-    _set(resource.RLIMIT_CORE, 0, 0)
+    limits = {resource.RLIMIT_CPU: (whole, whole + 5), resource.RLIMIT_CORE: (0, 0)}
+    if sys.platform == "linux":
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        space = pages * resource.getpagesize() + int(gigabytes * 1e9)
+        limits[resource.RLIMIT_AS] = (space, space)
     signal.signal(signal.SIGXCPU, signal.SIG_DFL)
     # When the process that listens is killed, a sleeper would stay for ever.
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(math.ceil(30 * seconds) + 10)
-    if sys.platform == "linux":
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        space = pages * resource.getpagesize() + int(gigabytes * 1e9)
-        _set(resource.RLIMIT_AS, space, space)
-
-
-def _set(kind: int, soft: int, hard: int) -> None:
-    import resource
-
-    with contextlib.suppress(ValueError, OSError):  # a stricter limit may be there already
-        resource.setrlimit(kind, (soft, hard))
+    for kind, limit in limits.items():
+        with contextlib.suppress(ValueError, OSError):  # a stricter limit may be there already
+            resource.setrlimit(kind, limit)
 
 
 def _send(channel: Connection, message: dict[str, Any]) -> None:

@@ -61,7 +61,11 @@ MISTAKES = [
         "ends are swapped",
     ),
     ("hw3.ofm_loss", lambda *a: (field(*a) - (a[3] - a[2])).square().mean(1), "do not average"),
-    ("hw3.ofm_loss", lambda *a: (field(*a) - (a[3] - a[2])).square().mean(), "for each row"),
+    (
+        "hw3.ofm_loss",
+        lambda *a: (field(*a) - (a[3] - a[2])).square().mean(),
+        "each row",
+    ),
     ("hw3.ofm_loss", lambda *a: (field(*a) - (a[3] - a[2])).norm(dim=1), "its square"),
     ("hw3.l2_uvp", lambda f, t, s: (f - t).square().sum(1).mean() / s.trace(), "in percent"),
     ("hw3.l2_uvp", lambda f, t, s: 100 * (f - t).square().mean() / s.trace(), "mean over rows"),

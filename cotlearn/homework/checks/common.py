@@ -27,7 +27,6 @@ from torch import Tensor
 from cotlearn.homework.registry import NotYet, exercise
 
 Array = NDArray[np.float64]
-Shapes = dict[tuple[int, ...], str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +42,6 @@ class Case:
             without it the hint says what was expected.
         what: the name of the result, for the hint about its shape.
         also: other results that count as right.
-        shapes: hints for results of another shape.
         read: turns what was returned into what is compared, if shape and type of `right` do not
             say it all.
         tolerance: relative and absolute.
@@ -56,7 +54,6 @@ class Case:
     otherwise: str | Callable[[Any], str] = ""
     what: str = "the result"
     also: tuple[Any, ...] = ()
-    shapes: Shapes = field(default_factory=dict)
     read: Callable[[Any], Any] | None = None
     tolerance: float = 1e-4
     unchanged: bool = False
@@ -125,11 +122,8 @@ def _like(case: Case, value: Any) -> Any:
         return value
     if np.ndim(case.right) == 0:
         return number(value)
-    shape = tuple(case.right.shape)
-    got = tuple(getattr(value, "shape", shape))
-    if got != shape and got in case.shapes:
-        raise NotYet(case.shapes[got])
-    return (tensor if isinstance(case.right, Tensor) else array)(value, shape, case.what)
+    reader = tensor if isinstance(case.right, Tensor) else array
+    return reader(value, tuple(case.right.shape), case.what)
 
 
 def expect_function(answer: Any) -> None:
@@ -153,7 +147,12 @@ def array(value: Any, shape: tuple[int, ...], what: str) -> Array:
     except (TypeError, ValueError):
         raise NotYet(f"{what} must be an array of shape {shape}") from None
     if found.shape != shape:
-        raise NotYet(f"{what} must have shape {shape}, got {found.shape}")
+        hint = f"{what} must have shape {shape}, got {found.shape}"
+        if found.shape == shape[::-1]:
+            hint += ": rows and columns are swapped"
+        elif len(shape) == 1 and found.shape[:1] in ((), shape):
+            hint += ": one value for each row; sum over the coordinates, and not over the rows"
+        raise NotYet(hint)
     if not np.isfinite(found).all():
         raise NotYet(f"not all values are finite (nan or inf) in {what}")
     return found
@@ -209,7 +208,7 @@ def cheapest(cost: Tensor) -> Tensor:
     return everyone[totals.argmin()]
 
 
-def velocity_field(t: Any, x: Tensor) -> Tensor:
+def field_at(t: Any, x: Tensor) -> Tensor:
     """A velocity that depends on both; t is a number or one for each row."""
     time = torch.as_tensor(t, dtype=x.dtype)
     return torch.cos(2 * x) + 1.5 * (time[:, None] if time.ndim == 1 else time) * x - 0.3
@@ -223,14 +222,6 @@ def squares(off: Tensor, unit: Any = 1.0) -> dict[str, Any]:
         "take the mean over rows, but the sum over coordinates": unit * off.square().mean(),
         "these are distances: square them before the mean": unit * far.mean(),
         "square each distance first, then take the mean": unit * far.mean() ** 2,
-    }
-
-
-def one_a_row(n: int, d: int) -> Shapes:
-    """Hints for a loss of the wrong shape, of n rows with d coordinates."""
-    return {
-        (): "return one loss for each row; the mean over rows is taken later",
-        (n, d): "sum the squares over the coordinates: one loss for each row",
     }
 
 

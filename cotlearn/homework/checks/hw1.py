@@ -7,15 +7,7 @@ import torch
 from scipy.optimize import linear_sum_assignment
 from torch import Generator, Tensor
 
-from cotlearn.homework.checks.common import (
-    Case,
-    Cases,
-    one_a_row,
-    squares,
-    table,
-    tensor,
-    velocity_field,
-)
+from cotlearn.homework.checks.common import Case, Cases, field_at, squares, table, tensor
 from cotlearn.homework.registry import NotYet
 
 
@@ -35,14 +27,14 @@ def _loss(x0: Tensor, x1: Tensor, t: Tensor) -> Case:
             raise NotYet(f"the network takes the time first, of shape ({n},), then the place")
         if tuple(x.shape) != (n, d):
             raise NotYet(f"the place x_t must have shape ({n}, {d})")
-        return velocity_field(time, x)
+        return field_at(time, x)
 
     def squared(place: Tensor, target: Tensor) -> Tensor:
-        return (velocity_field(t, place) - target).square().sum(1)
+        return (field_at(t, place) - target).square().sum(1)
 
     s = t[:, None]
     place, line = (1 - s) * x0 + s * x1, x1 - x0
-    error = velocity_field(t, place) - line
+    error = field_at(t, place) - line
     by_column = (1 - t) * x0 + t * x1 if n == d else place
     wrong = {
         "the velocity has the wrong sign: from x0 to x1 it is x1 - x0": squared(place, -line),
@@ -56,7 +48,7 @@ def _loss(x0: Tensor, x1: Tensor, t: Tensor) -> Case:
     }
     hint = "for each row: the sum of (network(t, x_t) - (x1 - x0))²"
     given = (network, x0, x1, t)
-    return Case(given, squared(place, line), wrong, hint, "the loss", shapes=one_a_row(n, d))
+    return Case(given, squared(place, line), wrong, hint, "the loss")
 
 
 @table("hw1.euler")
@@ -68,7 +60,7 @@ def euler(g: Generator) -> Cases:
 
         def velocity(t: Any, x: Tensor, calls: list[Any] = calls) -> Tensor:
             calls.append(t)
-            return velocity_field(t, x)
+            return field_at(t, x)
 
         walk, h, late = functools.partial(_steps, x0), 1 / nfe, 1 / max(nfe - 1, 1)
         wrong = {
@@ -161,7 +153,7 @@ def _steps(
     """Euler, and with other options the mistakes one can make in it."""
     start, t = x, first
     for _ in range(steps):
-        x = x + h * velocity_field(t, start if still else x)
+        x = x + h * field_at(t, start if still else x)
         t += h if by is None else by
     return x
 

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Generator, Tensor
 
-from cotlearn.homework.checks.common import Case, Cases, one_of_two, table, velocity_field
+from cotlearn.homework.checks.common import Case, Cases, field_at, one_of_two, table
 from cotlearn.homework.registry import NotYet
 
 
@@ -62,7 +62,7 @@ def midpoint() -> Cases:
 
     def velocity(t: Any, x: Tensor) -> Tensor:
         calls.append(t)
-        return velocity_field(t, x)
+        return field_at(t, x)
 
     def otherwise(found: Tensor) -> str:
         if len(calls) != nfe:
@@ -92,8 +92,8 @@ def midpoint() -> Cases:
 def _heun(x: Tensor, steps: int) -> Tensor:
     h = 1 / steps
     for k in range(steps):
-        first = velocity_field(k * h, x)
-        x = x + h / 2 * (first + velocity_field((k + 1) * h, x + h * first))
+        first = field_at(k * h, x)
+        x = x + h / 2 * (first + field_at((k + 1) * h, x + h * first))
     return x
 
 
@@ -103,6 +103,6 @@ def _midpoint(
     """The rule, and with other options the mistakes one can make in it (0, 0: Euler)."""
     h = 1 / steps
     for k in range(steps):
-        half = x + trial * h * velocity_field(k * h, x)
-        x = (x if back else half) + h * velocity_field((k + late) * h, half)
+        half = x + trial * h * field_at(k * h, x)
+        x = (x if back else half) + h * field_at((k + late) * h, half)
     return x
