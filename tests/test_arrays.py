@@ -11,14 +11,17 @@ import dataclasses
 import fnmatch
 import re
 import warnings
+from collections.abc import Callable
+from functools import cache
+from itertools import islice
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from array_cases import CASES, WITHOUT, public, that_take_arrays
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+
+from cotlearn.diagnostics import recommendation
 
 
 def spoil(value: Any, kind: str, place: int) -> Any:
@@ -108,15 +111,26 @@ def call(case: Any, arrays: dict[str, Any]) -> Any:
         return case.call(**arrays)
 
 
+@pytest.fixture(autouse=True)
+def _two_candidates(monkeypatch):
+    """`recommend` compares two couplings here: it is its checks that are looked at."""
+    of_all = recommendation.candidates
+    monkeypatch.setattr(
+        recommendation, "candidates", lambda x1, c: dict(islice(of_all(x1, c).items(), 2))
+    )
+
+
 @pytest.mark.parametrize(
     ("name", "argument"), [(name, key) for name, case in CASES.items() for key in case.arrays]
 )
-@settings(derandomize=True, deadline=None, max_examples=1)
-@given(place=st.integers(1, 5))
-@example(place=0)
-def test_a_spoilt_array_works_or_is_refused_by_name(name, argument, place):
-    for kind in PLACED if place else (*PLACED, *ANYWHERE):
-        look(CASES[name], argument, kind, place)
+def test_a_spoilt_array_works_or_is_refused_by_name(name, argument):
+    case = CASES[name]
+    right = cache(lambda: numbers(call(case, case.arrays)))
+    for kind in ANYWHERE:
+        look(case, argument, kind, 0, right)
+    for kind in PLACED:
+        for place in (0, 5):  # first and last axis
+            look(case, argument, kind, place, right)
 
 
 def test_every_function_of_the_reference_that_takes_arrays_has_a_case():
@@ -130,7 +144,7 @@ def test_every_function_of_the_reference_that_takes_arrays_has_a_case():
     assert not unused, "reasons for nothing"
 
 
-def look(case: Any, argument: str, kind: str, place: int) -> None:
+def look(case: Any, argument: str, kind: str, place: int, right: Callable[[], Any]) -> None:
     """One spoilt call."""
     spoilt = spoil(case.arrays[argument], kind, place)
     arrays = {**case.arrays, argument: spoilt}
@@ -148,8 +162,7 @@ def look(case: Any, argument: str, kind: str, place: int) -> None:
     elif argument not in case.bare:
         assert not has_nan(result), f"{what}: a silent NaN"
     if kind in SAME:
-        right = numbers(call(case, case.arrays))
-        for a, b in zip(numbers(result), right, strict=True):
+        for a, b in zip(numbers(result), right(), strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5)
     for key, value in before.items():
         assert same_bits(value, arrays[key]), f"{what}: {key} was changed"

@@ -63,7 +63,6 @@ WITHOUT = {
         "report.Rows",
         "report.Trial",
         "policies.rollout.Rollouts",
-        "policies.training.Run",
         "policies.training.Trained",
     ),
     "a record that functions of the package return",
