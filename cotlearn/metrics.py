@@ -183,7 +183,11 @@ def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tu
 
 
 def bootstrap_interval(
-    values: ArrayLike | Sequence[float], confidence: float = 0.95, *, seed: int = 0
+    values: ArrayLike | Sequence[float],
+    confidence: float = 0.95,
+    *,
+    seed: int = 0,
+    resamples: int = 10_000,
 ) -> tuple[float, float]:
     """The percentile bootstrap interval of the mean.
 
@@ -191,13 +195,14 @@ def bootstrap_interval(
         values: one value per seed, episode or condition; at least 2.
         confidence: above 0 and below 1.
         seed: of the resampling.
+        resamples: means that are drawn.
     """
     array: Any = np.asarray(values, dtype=np.float64).ravel()
     if len(array) < 2 or not np.isfinite(array).all():
         raise ValueError(f"values must be at least 2 finite numbers, got {array.tolist()}")
     _check_confidence(confidence)
     rng = np.random.default_rng(seed)
-    means = rng.choice(array, size=(10_000, len(array))).mean(axis=1)
+    means = rng.choice(array, size=(resamples, len(array))).mean(axis=1)
     low, high = np.quantile(means, [(1 - confidence) / 2, (1 + confidence) / 2])
     return float(low), float(high)
 

@@ -7,9 +7,8 @@ from cotlearn.diagnostics.after_training import (
     error_budget,
 )
 from cotlearn.diagnostics.frontier import Frontier, FrontierPoint, frontier
-from cotlearn.diagnostics.linear_skew import LinearSkew, linear_skew
 from cotlearn.diagnostics.recommendation import Recommendation, recommend
-from cotlearn.diagnostics.skew import PriorSkew, prior_skew
+from cotlearn.diagnostics.skew import LinearSkew, PriorSkew, linear_skew, prior_skew
 from cotlearn.diagnostics.spread import BetweenWithin, between_within
 
 __all__ = [

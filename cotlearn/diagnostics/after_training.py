@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Pairs, Sampler, generator_for
+from cotlearn.couplings.base import Coupling, Sampler, generator_for
 from cotlearn.flows.matching import Velocity
-from cotlearn.flows.solvers import integrate, sampler
+from cotlearn.flows.solvers import ConditionalSampler, integrate, sampler
 from cotlearn.metrics import (
     ConditionalData,
     bootstrap_interval,
@@ -66,33 +66,21 @@ def deployment_gap(
     check_count(n, "n", minimum=100)
     check_count(repetitions, "repetitions", minimum=2)
     stream = coupling.stream(data, batch_size=n, generator=torch.Generator().manual_seed(seed))
-    errors = []
+    errors = np.empty((repetitions, 2))
     for number in range(repetitions):
         pairs = next(stream)
         if pairs.c is None:
             raise TypeError("deployment_gap needs data with a condition c, got None")
         shuffle = torch.randperm(n, generator=generator_for(seed, number, purpose=10))
-        truth = _fresh(data, pairs, seed, number)
-        errors.append(
-            [
-                joint_squared_w2(integrate(network, x0, pairs.c, nfe=nfe).x1, truth, pairs.c)
-                for x0 in (pairs.x0, pairs.x0[shuffle])
-            ]
-        )
-    coupled, fresh = np.array(errors).T
-    interval = bootstrap_interval(fresh - coupled, seed=seed)
-    return DeploymentGap(
-        float(coupled.mean()), float(fresh.mean()), float((fresh - coupled).mean()), interval
-    )
-
-
-def _fresh(data: Sampler, pairs: Pairs, seed: int, number: int) -> Tensor:
-    """Data of the pairs' conditions, drawn without looking at the noise they were paired with."""
-    draw = getattr(data, "sample_given", None)
-    if draw is None:
-        return pairs.x1
-    x1: Tensor = draw(pairs.c, generator=generator_for(seed, number, purpose=12))
-    return x1
+        truth = pairs.x1
+        if hasattr(data, "sample_given"):  # drawn without looking at the noise of the pairs
+            truth = data.sample_given(pairs.c, generator=generator_for(seed, number, purpose=12))
+        for k, x0 in enumerate((pairs.x0, pairs.x0[shuffle])):
+            made = integrate(network, x0, pairs.c, nfe=nfe).x1
+            errors[number, k] = joint_squared_w2(made, truth, pairs.c)
+    coupled, fresh = (float(mean) for mean in errors.mean(axis=0))
+    gaps = errors[:, 1] - errors[:, 0]
+    return DeploymentGap(coupled, fresh, float(gaps.mean()), bootstrap_interval(gaps, seed=seed))
 
 
 @dataclass(frozen=True)
@@ -148,18 +136,11 @@ def error_budget(
     check_count(fine, "fine")
     size = getattr(network, "dim", None) if dim is None else dim
 
-    def error(velocity: Velocity, steps: int) -> float:
-        sample = sampler(velocity, nfe=steps, dim=size)
-        return conditional_squared_w2(
-            sample, data, conditions=conditions, n=n, generator=_rng(seed)
-        )
+    def error(sample: ConditionalSampler) -> float:
+        rng = torch.Generator().manual_seed(seed)
+        return conditional_squared_w2(sample, data, conditions=conditions, n=n, generator=rng)
 
-    floor = conditional_squared_w2(
-        data.sample_given, data, conditions=conditions, n=n, generator=_rng(seed)
-    )
-    exact, coarse = error(oracle, fine), error(oracle, nfe)
-    return ErrorBudget(floor, exact - floor, coarse - exact, error(network, nfe) - coarse)
-
-
-def _rng(seed: int) -> torch.Generator:
-    return torch.Generator().manual_seed(seed)
+    floor = error(data.sample_given)
+    exact, coarse = (error(sampler(oracle, nfe=steps, dim=size)) for steps in (fine, nfe))
+    total = error(sampler(network, nfe=nfe, dim=size))
+    return ErrorBudget(floor, exact - floor, coarse - exact, total - coarse)

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,15 +17,26 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Coupling, Pairs, generator_for, to_numpy
 from cotlearn.datasets import Dataset
-from cotlearn.diagnostics.linear_skew import LinearSkew, enough_rows, linear_skew
 from cotlearn.diagnostics.probe import one_step_scores
-from cotlearn.diagnostics.skew import MINIMUM_ROWS, PriorSkew, prior_skew, unit_variance
+from cotlearn.diagnostics.skew import (
+    MINIMUM_ROWS,
+    SIGNIFICANCE,
+    LinearSkew,
+    check_conditioned,
+    enough_rows,
+    linear_skew,
+    prior_skew,
+    unit_variance,
+)
 from cotlearn.diagnostics.spread import local_variance
-from cotlearn.metrics import joint_squared_w2
+from cotlearn.metrics import bootstrap_interval, joint_squared_w2
 from cotlearn.progress import progress_bar
-from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
+from cotlearn.validation import check_count
 
 Interval = tuple[float, float]
+FEWEST = 200  #: rows of data
+NEIGHBOURS = 10  #: of the estimates of E[x1 | x0, c] and of its variance
+RESAMPLES = 500  #: behind an interval
 
 
 @dataclass(frozen=True)
@@ -97,7 +109,6 @@ def frontier(
     *,
     batch_size: int = 256,
     rows: int = 4096,
-    neighbours: int = 10,
     repetitions: int = 3,
     probe_steps: int = 0,
     seed: int = 0,
@@ -115,50 +126,42 @@ def frontier(
         couplings: name -> coupling.
         batch_size: rows of the OT batch, for those that pair batches.
         rows: pairs that are looked at, at least 100.
-        neighbours: of the estimates of E[x1 | x0, c] and of its variance.
         repetitions: independent draws of pairs behind the skew and its interval, at least 2.
         probe_steps: train a small network for so many steps on each coupling's pairs, at t = 0
             only, and score it on held-out rows: about a second for 500. 0: train nothing.
         seed: of everything.
         progress: show a bar; None: in terminals and notebooks.
     """
-    check_matrix(x1, "x1")
-    c = check_condition(c)
-    check_same_rows(c, "c", x1, "x1")
-    if len(x1) < 200:
-        raise ValueError(f"x1 needs at least 200 rows for a frontier, got {len(x1)}")
+    c = check_conditioned(x1, "x1", c)
+    if len(x1) < FEWEST:
+        raise ValueError(f"x1 needs at least {FEWEST} rows for a frontier, got {len(x1)}")
     if not couplings:
         raise ValueError("couplings is empty: give at least one name and coupling")
-    for name, value in (("neighbours", neighbours), ("batch_size", batch_size)):
-        check_count(value, name, minimum=2)
+    check_count(batch_size, "batch_size", minimum=2)
+    check_count(rows, "rows", minimum=MINIMUM_ROWS)
     check_count(repetitions, "repetitions", minimum=2)
     check_count(probe_steps, "probe_steps", minimum=0)
-    if neighbours >= check_count(rows, "rows", minimum=MINIMUM_ROWS):
-        raise ValueError(f"neighbours must be below rows {rows}, got {neighbours}")
     held_out = torch.randperm(len(x1), generator=generator_for(seed, 0)) < len(x1) // 4
-    train = Dataset(x1[~held_out], c[~held_out])
-    test = Dataset(x1[held_out], c[held_out])
+    train, test = (Dataset(x1[part], c[part]) for part in (~held_out, held_out))
     batch_size = min(batch_size, len(train))
     points = []
     with progress_bar(total=len(couplings), what="frontier", show=progress) as bar:
         for name, coupling in couplings.items():
-            draws: list[Pairs] = []
-            seconds = 0.0
-            for repetition in range(repetitions):
-                pairs, each = _draw(coupling, train, batch_size, rows, seed + repetition)
-                draws.append(pairs)
-                seconds += each / repetitions
+            seeds = range(seed, seed + repetitions)
+            drawn = [_draw(coupling, train, batch_size, rows, one) for one in seeds]
+            draws, seconds = zip(*drawn, strict=True)
             batch = draws[0].map(lambda value: value[:batch_size])
-            candidates = coupling.candidates(batch.x0, batch.x1, batch.c)
             point = _point(
-                name, coupling, draws, test, 1000 * seconds, candidates, neighbours, seed
+                draws,
+                test,
+                seed,
+                name=name,
+                coupling=coupling.name,
+                seconds=1000 * float(np.mean(seconds)),
+                candidates=coupling.candidates(batch.x0, batch.x1, batch.c),
             )
-            pool = Pairs(*(torch.cat([getattr(p, n) for p in draws]) for n in _COLUMNS))
-            assert pool.c is not None
-            if enough_rows(pool.x0, pool.c):
-                point = replace(point, linear_skew=linear_skew(pool.x0, pool.c))
             if probe_steps:
-                scores = one_step_scores(pool, test, steps=probe_steps, seed=seed)
+                scores = one_step_scores(Pairs.cat(draws), test, steps=probe_steps, seed=seed)
                 point = replace(point, scores=scores)
             points.append(point)
             bar.update()
@@ -172,94 +175,70 @@ def _draw(
 
     Where pairs carry weights, each is kept with a probability proportional to its weight.
     """
-    stream = coupling.stream(
-        data, batch_size=batch_size, generator=torch.Generator().manual_seed(seed)
-    )
+    generator = torch.Generator().manual_seed(seed)
+    stream = coupling.stream(data, batch_size=batch_size, generator=generator)
     next(stream)  # fits clusters and potentials, once
-    started = time.perf_counter()
-    parts = [next(stream) for _ in range(max(1, math.ceil(rows / batch_size)))]
-    seconds = (time.perf_counter() - started) / (len(parts) * batch_size)
+
+    def take(batches: int) -> tuple[list[Pairs], float]:
+        started = time.perf_counter()
+        parts = [next(stream) for _ in range(batches)]
+        return parts, (time.perf_counter() - started) / max(1, batches * batch_size)
+
+    parts, seconds = take(max(1, math.ceil(rows / batch_size)))
     epoch = coupling.epoch_rows(data) // batch_size
     if epoch:  # pairs are solved for a whole epoch at its first batch: time a whole one
-        for _ in range(-(1 + len(parts)) % epoch):
-            next(stream)
-        started = time.perf_counter()
-        for _ in range(epoch):
-            next(stream)
-        seconds = (time.perf_counter() - started) / (epoch * batch_size)
-    pairs = Pairs(*(torch.cat([getattr(p, n) for p in parts]) for n in _COLUMNS))
-    if parts[0].weight is not None:
-        weight = torch.cat([part.weight for part in parts if part.weight is not None])
-        luck = torch.rand(len(weight), generator=generator_for(seed, 0, purpose=11))
-        kept = luck < weight / weight.max()
-        pairs = pairs.map(lambda value: value[kept])
+        take(-(1 + len(parts)) % epoch)
+        _, seconds = take(epoch)
+    pairs = Pairs.cat(parts)
+    if pairs.weight is not None:
+        luck = torch.rand(len(pairs), generator=generator_for(seed, 0, purpose=11))
+        kept = luck < pairs.weight / pairs.weight.max()
+        pairs = replace(pairs, weight=None).map(lambda value: value[kept])
     return pairs, seconds
 
 
-_COLUMNS = ("x0", "x1", "c", "source_index", "target_index")
-
-
-def _point(
-    name: str,
-    coupling: Coupling,
-    draws: list[Pairs],
-    test: Dataset,
-    seconds: float,
-    candidates: float,
-    neighbours: int,
-    seed: int,
-) -> FrontierPoint:
-    skews: list[PriorSkew] = []
-    for number, pairs in enumerate(draws):
-        assert pairs.c is not None
-        rng = generator_for(seed, number, purpose=7)
-        skews.append(prior_skew(pairs.x0, pairs.c, generator=rng))
+def _point(draws: Any, test: Dataset, seed: int, **known: Any) -> FrontierPoint:
+    """What several draws of pairs say about a coupling, beside what is known of it."""
+    skews = [
+        prior_skew(pairs.x0, pairs.c, generator=generator_for(seed, number, purpose=7))
+        for number, pairs in enumerate(draws)
+    ]
     statistics = np.array([skew.statistic for skew in skews])
-    reach = stats.t.ppf(0.975, len(statistics) - 1) * stats.sem(statistics)
-    pairs = draws[0]
-    assert pairs.c is not None
-    places = _places(pairs, pairs.x0, pairs.c)
-    variance = local_variance(places, to_numpy(pairs.x1), neighbours)
-    means = np.random.default_rng(seed).choice(variance, size=(500, len(variance))).mean(axis=1)
-    low, high = np.quantile(means, [0.025, 0.975])
-    p_values = [skew.p_value for skew in skews]
     middle = float(statistics.mean())
+    reach = float(stats.t.ppf(0.975, len(skews) - 1) * stats.sem(statistics))
+    pairs: Any = draws[0]
+    pool: Any = Pairs.cat(draws)
+    variance = local_variance(_places(pairs, pairs.x0, pairs.c), to_numpy(pairs.x1), NEIGHBOURS)
     return FrontierPoint(
-        name=name,
-        coupling=coupling.name,
         skew=middle,
-        skew_interval=(middle - float(reach), middle + float(reach)),
-        flagged=float(np.median(p_values)) <= 0.01,
+        skew_interval=(middle - reach, middle + reach),
+        flagged=float(np.median([skew.p_value for skew in skews])) <= SIGNIFICANCE,
         one_step_variance=float(variance.mean()),
-        one_step_variance_interval=(float(low), float(high)),
-        one_step_error=float(np.mean([one_step_error(p, test, neighbours, seed) for p in draws])),
-        candidates=candidates,
+        one_step_variance_interval=bootstrap_interval(variance, seed=seed, resamples=RESAMPLES),
+        one_step_error=float(np.mean([one_step_error(p, test, seed) for p in draws])),
         transport_cost=float((pairs.x1 - pairs.x0).square().sum(dim=1).mean()),
-        seconds=seconds,
+        linear_skew=linear_skew(pool.x0, pool.c) if enough_rows(pool.x0, pool.c) else None,
+        **known,
     )
 
 
-def _places(pairs: Pairs, x0: Tensor, c: Tensor) -> NDArray[np.float64]:
+def _places(pairs: Any, x0: Tensor, c: Tensor) -> NDArray[np.float64]:
     """Rows (x0, c), noise and condition scaled to the same variance among the pairs."""
-    assert pairs.c is not None
-    noise = unit_variance(to_numpy(x0), to_numpy(pairs.x0))
-    return np.hstack([noise, unit_variance(to_numpy(c), to_numpy(pairs.c))])
+    given = ((x0, pairs.x0), (c, pairs.c))
+    return np.hstack([unit_variance(to_numpy(new), to_numpy(old)) for new, old in given])
 
 
-def one_step_error(pairs: Pairs, test: Dataset, neighbours: int = 10, seed: int = 0) -> float:
+def one_step_error(pairs: Any, test: Any, seed: int = 0) -> float:
     """Squared W2 between E[x1 | x0, c] at fresh noise and held-out x1, jointly with c.
 
     The conditional mean is what a one-step model learns; it is estimated by the mean over the
     nearest pairs. At fresh noise a skewed coupling has no near pairs, and pays for it.
     """
-    assert pairs.c is not None
-    assert test.c is not None
     rng = generator_for(seed, 0, purpose=8)
     rows = torch.randperm(len(test), generator=rng)[:1000]
-    c = test.c[rows]
     x0 = pairs.x0[torch.randperm(len(pairs), generator=rng)[: len(rows)]]
-    c, rows = c[: len(x0)], rows[: len(x0)]
-    near = NearestNeighbors(n_neighbors=neighbours).fit(_places(pairs, pairs.x0, pairs.c))
-    index = near.kneighbors(_places(pairs, x0, c), return_distance=False)
+    rows = rows[: len(x0)]
+    near = NearestNeighbors(n_neighbors=NEIGHBOURS).fit(_places(pairs, pairs.x0, pairs.c))
+    index = near.kneighbors(_places(pairs, x0, test.c[rows]), return_distance=False)
     mean = torch.from_numpy(to_numpy(pairs.x1)[index].mean(axis=1))
-    return joint_squared_w2(mean, test.x1[rows].double(), c)
+    return joint_squared_w2(mean, test.x1[rows].double(), test.c[rows])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from scipy import stats
@@ -11,8 +12,9 @@ from torch import Tensor
 
 from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, StratifiedOT
 from cotlearn.diagnostics.frontier import Frontier, FrontierPoint, frontier
+from cotlearn.diagnostics.skew import check_conditioned
 from cotlearn.diagnostics.spread import BetweenWithin, between_within
-from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
+from cotlearn.validation import check_count
 
 CHANCE = 0.025  #: how often luck alone may recommend a coupling, whatever the number of candidates
 USEFUL = 0.01  #: and the share of their score that it must save
@@ -70,21 +72,16 @@ def recommend(
         seed: of everything.
         progress: show a bar; None: in terminals and notebooks.
     """
-    check_matrix(x1, "x1")
-    c = check_condition(c)
-    check_same_rows(c, "c", x1, "x1")
-    check_count(batch_size, "batch_size", minimum=2)
+    c = check_conditioned(x1, "x1", c)
+    check_count(probe_steps, "probe_steps")
     couplings = candidates(x1, c)
-    found = frontier(
-        x1,
-        c,
-        couplings,
-        batch_size=batch_size,
-        rows=rows,
-        probe_steps=check_count(probe_steps, "probe_steps"),
-        seed=seed,
-        progress=progress,
-    )
+    options: Any = {
+        "batch_size": batch_size,
+        "rows": rows,
+        "probe_steps": probe_steps,
+        "seed": seed,
+    }
+    found = frontier(x1, c, couplings, **options, progress=progress)
     spread = between_within(x1, c, seed=seed)
     best, reason = _choose(found, spread)
     return Recommendation(best.name, couplings[best.name], reason, found, spread)
@@ -132,7 +129,7 @@ def _choose(found: Frontier, spread: BetweenWithin) -> tuple[FrontierPoint, str]
             "has anything to straighten, and a regression would do as well."
         )
     gain, error = gain_over(best, independent)
-    sure = beyond_chance(best, of=len(clean)) if clean else 0.0
+    sure = beyond_chance(best, of=max(1, len(clean)))
     if gain <= max(sure * error, USEFUL * independent.one_step_score):
         return independent, facts + (
             "Use independent pairs: no coupling without significant skew is better by more than "
@@ -140,27 +137,28 @@ def _choose(found: Frontier, spread: BetweenWithin) -> tuple[FrontierPoint, str]
             "Conditions have too few neighbours, the data too little spread within a condition, "
             "or the rows are too few to tell. More data or a coarser condition may change this."
         )
-    close = [p.name for p in clean if p is not best and _level(best, p, sure)]
-    linear = best.linear_skew
-    return best, facts + (
+    reason = facts + (
         f"Use {best.name}: the same network scores {best.one_step_score:.3g}, better by "
         f"{gain:.3g} (standard error {error:.2g}), with no significant skew ({best.skew:.3f}) and "
         f"about {best.candidates:.0f} candidates for each noise row. "
-        + (f"Not to be told from it: {', '.join(close)}." if close else "All others score worse.")
-        + (
-            f" A regression on the condition explains {100 * linear.explained:.1f} % of its noise: "
-            "where you can afford many evaluations, compare with independent pairs."
-            if linear is not None and linear.flagged
-            else ""
-        )
     )
+    gains = {p.name: gain_over(best, p) for p in clean if p is not best}
+    close = [name for name, (gain, error) in gains.items() if gain <= sure * error]
+    reason += f"Not to be told from it: {', '.join(close)}." if close else "All others score worse."
+    if best.linear_skew is not None and best.linear_skew.flagged:
+        reason += (
+            f" A regression on the condition explains {100 * best.linear_skew.explained:.1f} % of "
+            "its noise: where you can afford many evaluations, compare with independent pairs."
+        )
+    return best, reason
 
 
 def gain_over(point: FrontierPoint, other: FrontierPoint) -> tuple[float, float]:
-    """By how much a point scores better than another on the same rows, and the standard error."""
-    if point.scores is None or other.scores is None:
-        raise ValueError("the points have no scores: ask frontier for probe_steps")
-    gain = other.scores - point.scores
+    """By how much a point scores better than another on the same rows, and the standard error.
+
+    Both have scores: the frontier was asked for `probe_steps`.
+    """
+    gain: Any = other.scores - point.scores  # type: ignore[operator]
     return float(gain.mean()), float(gain.std()) / math.sqrt(len(gain))
 
 
@@ -170,10 +168,5 @@ def beyond_chance(point: FrontierPoint, *, of: int) -> float:
     Student's quantile for the rows of the point's scores, the level divided by the number of
     points.
     """
-    rows = 0 if point.scores is None else len(point.scores)
-    return float(stats.t.ppf(1 - CHANCE / check_count(of, "of"), max(1, rows - 1)))
-
-
-def _level(best: FrontierPoint, point: FrontierPoint, sure: float) -> bool:
-    gain, error = gain_over(best, point)
-    return gain <= sure * error
+    rows = len(point.scores)  # type: ignore[arg-type]
+    return float(stats.t.ppf(1 - CHANCE / of, max(1, rows - 1)))

@@ -10,8 +10,9 @@ from sklearn.neighbors import NearestNeighbors
 from torch import Tensor
 
 from cotlearn.couplings.base import to_numpy
-from cotlearn.diagnostics.skew import unit_variance
-from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
+from cotlearn.diagnostics.skew import MOST_ROWS, check_conditioned, unit_variance
+
+NEIGHBOURS = 10  #: rows with near conditions
 
 
 @dataclass(frozen=True)
@@ -36,36 +37,28 @@ class BetweenWithin:
         return self.between / self.total if self.total else 0.0
 
 
-def between_within(
-    x1: Tensor, c: Tensor, *, neighbours: int = 10, max_rows: int = 4000, seed: int = 0
-) -> BetweenWithin:
+def between_within(x1: Tensor, c: Tensor, *, seed: int = 0) -> BetweenWithin:
     """Split the variance of x1 (n, d) by the condition c (n, k).
 
-    Var(x1 | c) is estimated among the rows with the nearest conditions (each column scaled to unit
-    variance), ties in random order, so that labels and numbers are treated alike. Where few rows
-    lie close in c, part of the variance between shows up as within.
+    Var(x1 | c) is estimated among the 10 rows with the nearest conditions (each column scaled to
+    unit variance), ties in random order, so that labels and numbers are treated alike. Where few
+    rows lie close in c, part of the variance between shows up as within.
 
     Args:
-        x1: data.
+        x1: data, at least 11 rows; of more than 4,000 so many are drawn.
         c: conditions.
-        neighbours: rows with near conditions, at least 2 and below n.
-        max_rows: more rows are subsampled.
         seed: of subsample and ties.
     """
-    check_matrix(x1, "x1")
-    c = check_condition(c)
-    check_same_rows(c, "c", x1, "x1")
-    check_count(neighbours, "neighbours", minimum=2)
+    c = check_conditioned(x1, "x1", c)
     rng = np.random.default_rng(seed)
-    rows = rng.permutation(len(x1))[: check_count(max_rows, "max_rows")]
-    if neighbours >= len(rows):
-        raise ValueError(f"neighbours must be below the {len(rows)} rows, got {neighbours}")
+    rows = rng.permutation(len(x1))[:MOST_ROWS]
+    if len(rows) <= NEIGHBOURS:
+        raise ValueError(f"x1 needs more than {NEIGHBOURS} rows, got {len(rows)}")
     x = to_numpy(x1)[rows]
     total = float(x.var(axis=0).sum())
     ties = 1e-6 * rng.random((len(rows), 1))  # or all rows of a label get the same neighbours
     places = np.hstack([unit_variance(to_numpy(c)[rows]), ties])
-    within = local_variance(places, x, neighbours).mean()
-    within = min(float(within), total)
+    within = min(float(local_variance(places, x, NEIGHBOURS).mean()), total)
     return BetweenWithin(total, within, total - within)
 
 

@@ -71,7 +71,7 @@ _x, _c = rows(240, seed=5), labels(240)
 add("diagnostics.between_within", diagnostics.between_within, x1=_x, c=_c)
 add(
     "diagnostics.prior_skew",
-    lambda x0, c: diagnostics.prior_skew(x0, c, relabellings=99),
+    diagnostics.prior_skew,
     x0=_x,
     c=_c,
 )

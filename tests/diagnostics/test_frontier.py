@@ -210,8 +210,6 @@ ONE = {"independent": Independent()}
         (lambda: frontier(X, C, ONE, batch_size=1), ValueError, "batch_size must be at least 2"),
         (lambda: frontier(X, C, ONE, rows=1), ValueError, "rows must be at least"),
         (lambda: frontier(X, C, ONE, rows=50, batch_size=10), ValueError, "rows must be at least"),
-        (lambda: frontier(X, C, ONE, neighbours=1), ValueError, "neighbours must be at least 2"),
-        (lambda: frontier(X, C, ONE, rows=120, neighbours=120), ValueError, "neighbours must be b"),
         (lambda: frontier(X, C, ONE, repetitions=1), ValueError, "repetitions must be at least 2"),
         (lambda: frontier(X, C, ONE, **SMALL)["naive"], KeyError, "no coupling 'naive'; there are"),
     ],

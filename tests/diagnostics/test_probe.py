@@ -12,9 +12,7 @@ from cotlearn.metrics import energy_score, energy_scores
 
 def pairs_of(coupling, data, batches=8, seed=0):
     stream = coupling.stream(data, batch_size=128, generator=torch.Generator().manual_seed(seed))
-    parts = [next(stream) for _ in range(batches)]
-    names = ("x0", "x1", "c", "source_index", "target_index")
-    return Pairs(*(torch.cat([getattr(p, n) for p in parts]) for n in names))
+    return Pairs.cat([next(stream) for _ in range(batches)])
 
 
 def test_it_ranks_couplings_as_training_does():

@@ -146,13 +146,6 @@ def test_the_same_seed_gives_the_same_advice():
     assert (one.name, one.reason, one.spread) == (two.name, two.reason, two.spread)
 
 
-def test_points_without_scores_cannot_be_compared():
-    x1, c = mixtures.petals().sample(300, generator=seeded())
-    found = frontier(x1, c, {"a": Independent()}, rows=100, batch_size=50, progress=False)
-    with pytest.raises(ValueError, match="ask frontier for probe_steps"):
-        gain_over(found["a"], found["a"])
-
-
 X, C = torch.randn(220, 2), torch.randn(220, 1)
 
 
