@@ -10,14 +10,6 @@ An unchanged stub prints "not attempted yet", so a notebook runs from top to bot
 exercise is done. The checks themselves are in `cotlearn/homework/checks/`, one file a notebook.
 """
 
-from cotlearn.homework.registry import (
-    NotYet,
-    Verdict,
-    check,
-    exercise,
-    exercises,
-    passed,
-    require,
-)
+from cotlearn.homework.registry import NotYet, Verdict, check, exercise, exercises, passed, require
 
 __all__ = ["NotYet", "Verdict", "check", "exercise", "exercises", "passed", "require"]

@@ -54,7 +54,7 @@ MISTAKES = [
     ("04.balanced_weight", lambda x0, x1, c: gamma(x0, x1, c) ** 2 / 100, "missing"),
     ("04.balanced_weight", upside_down, "stands above"),
     ("04.balanced_weight", lambda x0, x1, c: 1.0, "all i and j"),
-    ("04.stratify", positions, "exactly once"),
+    ("04.stratify", positions, "comes once"),
     ("04.stratify", blind, "another label"),
     ("04.stratify", lambda x0, x1, label: torch.arange(len(x0)), "cheapest"),
     ("04.stratify", lambda x0, x1, label: x0, "integers"),

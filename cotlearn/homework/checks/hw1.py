@@ -7,7 +7,7 @@ import torch
 from scipy.optimize import linear_sum_assignment
 from torch import Generator, Tensor
 
-from cotlearn.homework.checks.common import Case, Cases, field_at, squares, table, tensor
+from cotlearn.homework.checks.common import Case, Cases, field_at, squares, table
 from cotlearn.homework.registry import NotYet
 
 
@@ -104,14 +104,8 @@ def exact_velocity(g: Generator) -> Cases:
         hint = f"at t = {t} it is not E[x1 - x0 | x_t = x]"
         yield Case((t, x, means, s), mean(), wrong, hint, "the velocity", tolerance=1e-3)
     far = (0.9, torch.tensor([[60.0, -45.0]]), means, 0.05)
-    hint = "far from all components it is {}: use softmax of the logs, not exp and sum"
-
-    def read(found: Any) -> Tensor:
-        if isinstance(found, Tensor) and not found.isfinite().all():
-            raise NotYet(hint.format("nan"))
-        return tensor(found, (1, 2), "the velocity")
-
-    yield Case(far, _mixture(*far), {}, hint.format("wrong"), read=read, tolerance=1e-3)
+    what = "the velocity far from all components: use softmax of the logs, not exp and sum"
+    yield Case(far, _mixture(*far), {}, f"wrong is {what}", what, tolerance=1e-3)
 
 
 @table("hw1.squared_w2")
@@ -142,17 +136,11 @@ def squared_w2(g: Generator) -> Cases:
 
 
 def _steps(
-    x: Tensor,
-    steps: int,
-    h: float,
-    *,
-    first: float = 0.0,
-    by: float | None = None,
-    still: bool = False,
+    x: Tensor, n: int, h: float, *, first: float = 0.0, by: float | None = None, still: bool = False
 ) -> Tensor:
     """Euler, and with other options the mistakes one can make in it."""
     start, t = x, first
-    for _ in range(steps):
+    for _ in range(n):
         x = x + h * field_at(t, start if still else x)
         t += h if by is None else by
     return x

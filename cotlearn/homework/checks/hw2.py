@@ -36,9 +36,7 @@ def pair(answer: Any, seed: int = 0) -> None:
     twice, other = _pairs(answer, x0, x1, c, 1e4, 1), _pairs(answer, x0, x1, c, 1e4, 2)
     source, target = rows = _pairs(answer, x0, x1, c, 1e4, 1)
     if not all(map(torch.equal, rows, twice)):
-        raise NotYet(
-            "the same generator must give the same pairs: randperm(n, generator=generator)"
-        )
+        raise NotYet("equal generators must give equal pairs: randperm(n, generator=generator)")
     if torch.equal(label[target[source.argsort()]], label):  # each row of x0 got its own class
         raise NotYet("noise in row i always gets c_i: let c0 be a random permutation of c's rows")
     if all(map(torch.equal, rows, other)):
@@ -48,10 +46,8 @@ def pair(answer: Any, seed: int = 0) -> None:
         inside = label[target] == k
         block = far[source[inside]][:, target[inside]]
         if block.trace() > block[linear_sum_assignment(block)].sum() + 1e-3:
-            raise NotYet(
-                "with a large weight the pairs inside each class must be the cheapest; yours are "
-                "not: solve the assignment for the cost of question 1"
-            )
+            hint = "with a large weight the pairs must be the cheapest inside each class"
+            raise NotYet(f"{hint}: solve the assignment for the cost of question 1")
     source, target = _pairs(answer, x0, x1, c, 0.0, 3)
     if far[source, target].sum() > far[linear_sum_assignment(far)].sum() + 1e-3:
         raise NotYet("with weight 0 it must be plain OT: the cheapest pairs of x0 and x1")
@@ -72,10 +68,8 @@ def _pairs(
         raise NotYet("the rows of x0 and x1 must stay as they are; only their order changes")
     missing = n - min(len(target.unique()), len(source.unique()))
     if missing:
-        raise NotYet(
-            f"{missing} of {n} rows were never used: a pairing uses each row once; do not draw "
-            "with replacement"
-        )
+        hint = "a pairing uses each row once; do not draw with replacement"
+        raise NotYet(f"{missing} of {n} rows were never used: {hint}")
     if not same(k, c[target]):
         if same(k, c):
             raise NotYet("the labels stayed behind: c must be permuted together with x1")

@@ -53,10 +53,7 @@ def stratify(answer: Any) -> None:
         label = label[torch.randperm(len(label), generator=g)]
         n = len(label)
         x0, x1 = torch.randn(n, 2, generator=g), 3 * torch.randn(n, 2, generator=g)
-        hint = (
-            "each data row must come exactly once; turn positions inside a label back into rows of "
-            "the whole batch"
-        )
+        hint = "each data row comes once; turn positions inside a label into rows of the batch"
         p = permutation(answer(x0.clone(), x1.clone(), label.clone()), n, hint)
         if not torch.equal(label[p], label):
             raise NotYet("some noise meets data of another label")

@@ -23,9 +23,8 @@ def _weights(errors: Tensor, fraction: float, boost: float) -> Case:
 
     def otherwise(found: Tensor) -> str:
         given, expected, got = ([round(v, 2) for v in x.tolist()] for x in (errors, right, found))
-        return (
-            f"for errors {given}, p = {fraction} and boost {boost} expected {expected}, got {got}"
-        )
+        where = f"for errors {given}, p = {fraction} and boost {boost}"
+        return f"{where} expected {expected}, got {got}"
 
     chosen = math.floor(len(errors) * fraction)
     best, worst = (raised(errors.argsort(descending=down), chosen) for down in (False, True))

@@ -37,10 +37,7 @@ def _decision(scores: dict[str, Array], right: str) -> Case:
             "differences row by row, std / sqrt(n): the rows are the same"
         ] = "independent"
         return Case((scores, {"naive OT"}), right, wrong)
-    hint = (
-        "that is not better than independent pairs by two standard errors: then stay with "
-        "'independent'"
-    )
+    hint = "not better than independent pairs by two standard errors: stay with 'independent'"
     return Case((scores, {"naive OT"}), right, wrong, hint)
 
 
