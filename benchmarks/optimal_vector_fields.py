@@ -37,9 +37,10 @@ from torch import Tensor
 
 from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT, Pairs, Reflow
 from cotlearn.couplings.base import Match, squared_distances
+from cotlearn.datasets import unconditional
 from cotlearn.flows import VelocityMLP, fit, integrate
 from cotlearn.metrics import l2_uvp
-from cotlearn.mixtures import eight_gaussians, unconditional
+from cotlearn.mixtures import eight_gaussians
 from cotlearn.potentials import (
     ICNN,
     PICNN,

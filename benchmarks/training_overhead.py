@@ -1,7 +1,7 @@
 """How much longer does training take with a conditional coupling than with the independent one?
 
 The same residual network of a million parameters, the same steps of 256 rows; pairs are prepared
-in the background while the network trains, if torch leaves a core free (`cotlearn.flows.ahead`):
+in the background while the network trains, if torch leaves a core free (`cotlearn.flows.prefetch`):
 here with one thread of two. The last column makes the same pairs between the steps. Rounds take
 turns; the medians are reported.
 
@@ -63,7 +63,7 @@ def measure(key: dict[str, Any]) -> dict[str, Any]:
     for _ in range(ROUNDS):
         for name, make in COUPLINGS.items():
             times[name].append(1000 * seconds(make(), network, data, key["ot_batch"]))
-        with mock.patch("cotlearn.flows.training.running_ahead", iter):
+        with mock.patch("cotlearn.flows.training.prefetch", iter):
             alone = seconds(ConditionalOT(), network, data, key["ot_batch"])
         times["conditional_ot, pairs between the steps"].append(1000 * alone)
     medians = {name: statistics.median(values) for name, values in times.items()}

@@ -12,13 +12,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 
-from cotlearn.validation import check_choice, check_count, check_number
+from cotlearn.validation import check_array, check_choice, check_count, check_number, check_share
 
 Array = NDArray[np.float64]
 
@@ -42,10 +41,10 @@ class LinearGaussian:
     S_c: Array
 
     def __post_init__(self) -> None:
-        A = _finite(self.A, "A", 2)
+        A = check_array(self.A, "A", (None, None))
         d, k = A.shape
         object.__setattr__(self, "A", A)
-        object.__setattr__(self, "b", _finite(self.b, "b", 1, (d,)))
+        object.__setattr__(self, "b", check_array(self.b, "b", (d,)))
         object.__setattr__(self, "S", _positive_definite(self.S, "S", d))
         object.__setattr__(self, "S_c", _positive_definite(self.S_c, "S_c", k))
 
@@ -178,14 +177,9 @@ class AffineFlow:
 
     def velocity(self, t: float, x: ArrayLike, c: ArrayLike) -> Array:
         """v(t, x, c) for x of shape (n, d) and c of shape (n, k); t in [0, 1]."""
-        F, G, f = self.coefficients(_check_time(t))
-        x, c = _finite(x, "x", 2), _finite(c, "c", 2)
-        if x.shape != (len(c), len(F)) or c.shape[1] != G.shape[1]:
-            raise ValueError(
-                f"x must have shape (rows, {len(F)}) and c (rows, {G.shape[1]}), got {x.shape} "
-                f"and {c.shape}"
-            )
-        return x @ F.T + c @ G.T + f
+        F, G, f = self.coefficients(check_share(t, "t"))
+        x = check_array(x, "x", (None, len(F)))
+        return x @ F.T + check_array(c, "c", (len(x), G.shape[1])) @ G.T + f
 
     def law_after(self, c: ArrayLike, nfe: int | None = None) -> tuple[Array, Array]:
         """Mean (d,) and covariance (d, d) of the sample for one condition c of shape (k,).
@@ -195,7 +189,7 @@ class AffineFlow:
             nfe: Euler steps from N(0, I); None solves the ordinary differential equation.
         """
         P, q, C = self._after(nfe)
-        return P @ _finite(c, "c", 1, (len(self.problem.S_c),)) + q, C
+        return P @ check_array(c, "c", (len(self.problem.S_c),)) + q, C
 
     def squared_w2(self, nfe: int | None = None) -> float:
         """E_c W2^2(law of the sample given c, p(x1 | c)), exactly.
@@ -249,8 +243,8 @@ def bures_map(source: Array, target: Array) -> Array:
     Both are positive definite. The root of R target R, R^2 = source, comes from the singular
     values of R L, L L^T = target: forming the product would lose twice as many digits.
     """
-    source, target = _positive_definite(source, "source"), _positive_definite(target, "target")
-    _check_same_size(source, "source", target, "target")
+    source = _positive_definite(source, "source")
+    target = _positive_definite(target, "target", len(source))
     root = _sqrtm(source)
     inverse = np.linalg.inv(root)
     U, values, _ = np.linalg.svd(root @ np.linalg.cholesky(target))
@@ -259,8 +253,8 @@ def bures_map(source: Array, target: Array) -> Array:
 
 def bures_squared(first: Array, second: Array) -> float:
     """Squared W2 between N(0, first) and N(0, second)."""
-    first, second = _symmetric(first, "first"), _symmetric(second, "second")
-    _check_same_size(first, "first", second, "second")
+    first = _symmetric(first, "first")
+    second = _symmetric(second, "second", len(first))
     root = _sqrtm(first)
     mixed = _sqrtm(root @ second @ root)
     return max(float(np.trace(first) + np.trace(second) - 2 * np.trace(mixed)), 0.0)
@@ -278,44 +272,15 @@ def _sqrtm(matrix: Array) -> Array:
     return root
 
 
-def _check_time(t: Any) -> float:
-    time = check_number(t, "t")
-    if time > 1:
-        raise ValueError(f"t must lie in [0, 1], got {time}")
-    return time
-
-
-def _finite(value: Any, name: str, ndim: int, shape: tuple[int, ...] | None = None) -> Array:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name} must hold real numbers, got {value!r}") from None
-    if np.iscomplexobj(value):
-        raise TypeError(f"{name} must hold real numbers, got complex ones")
-    if array.ndim != ndim or array.size == 0 or (shape is not None and array.shape != shape):
-        expected = f"shape {shape}" if shape else f"{ndim} dimensions and at least one entry"
-        raise ValueError(f"{name} must have {expected}, got shape {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} has NaN or infinite values")
-    return array
-
-
-def _check_same_size(first: Array, first_name: str, second: Array, second_name: str) -> None:
-    if first.shape != second.shape:
-        raise ValueError(
-            f"{first_name} has shape {first.shape}, {second_name} {second.shape}: must be the same"
-        )
-
-
-def _symmetric(value: Any, name: str, size: int | None = None) -> Array:
-    array = _finite(value, name, 2, None if size is None else (size, size))
+def _symmetric(value: ArrayLike, name: str, size: int | None = None) -> Array:
+    array = check_array(value, name, (size, size))
     if array.shape[0] != array.shape[1] or not np.allclose(array, array.T):
-        raise ValueError(f"{name} must be symmetric and positive definite, got {array.tolist()}")
+        raise ValueError(f"{name} must be symmetric, got {array.tolist()}")
     return array
 
 
-def _positive_definite(value: Any, name: str, size: int | None = None) -> Array:
+def _positive_definite(value: ArrayLike, name: str, size: int | None = None) -> Array:
     array = _symmetric(value, name, size)
     if np.linalg.eigvalsh(array).min() <= 0:
-        raise ValueError(f"{name} must be symmetric and positive definite, got {array.tolist()}")
+        raise ValueError(f"{name} must be positive definite, got {array.tolist()}")
     return array

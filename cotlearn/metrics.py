@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Protocol, TypeAlias
 
 import numpy as np
 import ot
 import torch
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 from scipy.spatial.distance import cdist
 from torch import Tensor
 
 from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.couplings.base import squared_distances, to_numpy
-from cotlearn.flows.matching import Velocity
-from cotlearn.flows.solvers import ConditionalSampler, integrate
-from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
+from cotlearn.validation import (
+    check_array,
+    check_condition,
+    check_count,
+    check_inputs,
+    check_matrix,
+    check_positive,
+    check_same_rows,
+)
+
+CONFIDENCE = 0.95  #: of every interval
+#: Draws one row for each row of c: `sample(c, generator=g)` of shape (n, d).
+ConditionalSampler: TypeAlias = Callable[..., Tensor]
 
 
 class ConditionalData(Protocol):
@@ -63,8 +73,8 @@ def joint_squared_w2(a: Tensor, b: Tensor, c: Tensor) -> float:
     check_matrix(a, "a")
     check_matrix(b, "b", columns=a.shape[1])
     c = check_condition(c)
-    check_same_rows(b, "b", a, "a")
-    check_same_rows(c, "c", a, "a")
+    for value, name in ((b, "b"), (c, "c")):
+        check_same_rows(value, name, a, "a")
     spread = squared_distances(c, c).mean()
     scale = (100 * squared_distances(b, b).mean() / spread) ** 0.5 if spread else 0.0
     heavy = scale * c.double()
@@ -119,10 +129,8 @@ def l2_uvp(mapped: Tensor, truth: Tensor, *, variance: float | None = None) -> f
         if len(truth) < 2:
             raise ValueError("variance is missing, and one row of truth does not tell it")
         variance = float(truth.double().var(dim=0).sum())
-    if not (np.isfinite(variance) and variance > 0):
-        raise ValueError(f"variance must be above 0 and finite, got {variance}")
     error = (mapped.double() - truth.double()).square().sum(dim=1).mean()
-    return 100 * float(error) / variance
+    return 100 * float(error) / check_positive(variance, "variance")
 
 
 def energy_distance(a: Tensor, b: Tensor) -> float:
@@ -145,8 +153,13 @@ def energy_distance(a: Tensor, b: Tensor) -> float:
     return float(2 * cdist(x, y).mean() - within_x - within_y)
 
 
+@torch.no_grad()
 def straightness(
-    velocity: Velocity, x0: Tensor, c: Tensor | None = None, *, nfe: int = 64
+    velocity: Callable[[Tensor, Tensor, Tensor | None], Tensor],
+    x0: Tensor,
+    c: Tensor | None = None,
+    *,
+    nfe: int = 64,
 ) -> float:
     """E int |v(t, x_t, c) - (x1 - x0)|^2 dt along the flow's own paths (Liu 2209.03003, eq. 3).
 
@@ -159,58 +172,53 @@ def straightness(
         nfe: Euler steps that trace the paths, at least 2.
     """
     check_count(nfe, "nfe", minimum=2)
-    path = integrate(velocity, x0, c, nfe=nfe, trajectory=True).trajectory
-    assert path is not None
-    steps = (path[1:] - path[:-1]) * nfe  # the velocities along the path
-    return float((steps - (path[-1] - path[0])).square().sum(dim=2).mean())
+    check_inputs(velocity, x0, c, "x0")
+    path = [x0]
+    for step in range(nfe):
+        v = velocity(torch.tensor(step / nfe, dtype=x0.dtype, device=x0.device), path[-1], c)
+        path.append(path[-1] + 1 / nfe * v)
+    states = torch.stack(path)
+    velocities = (states[1:] - states[:-1]) * nfe
+    return float((velocities - (states[-1] - states[0])).square().sum(dim=2).mean())
 
 
-def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Wilson's interval for a probability of success, both ends in [0, 1].
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """Wilson's 95 % interval for a probability of success, both ends in [0, 1].
 
     Args:
         successes: between 0 and trials.
         trials: at least 1.
-        confidence: above 0 and below 1.
     """
     check_count(trials, "trials")
     check_count(successes, "successes", minimum=0)
     if successes > trials:
         raise ValueError(f"successes must be at most trials {trials}, got {successes}")
-    _check_confidence(confidence)
-    interval = stats.binomtest(successes, trials).proportion_ci(confidence, method="wilson")
+    interval = stats.binomtest(successes, trials).proportion_ci(CONFIDENCE, method="wilson")
     return float(interval.low), float(interval.high)
 
 
 def bootstrap_interval(
-    values: ArrayLike | Sequence[float],
-    confidence: float = 0.95,
-    *,
-    seed: int = 0,
-    resamples: int = 10_000,
+    values: ArrayLike, *, seed: int = 0, resamples: int = 10_000
 ) -> tuple[float, float]:
-    """The percentile bootstrap interval of the mean.
+    """The 95 % percentile bootstrap interval of the mean.
 
     Args:
         values: one value per seed, episode or condition; at least 2.
-        confidence: above 0 and below 1.
         seed: of the resampling.
         resamples: means that are drawn.
+        resamples: means that are drawn.
     """
-    array: Any = np.asarray(values, dtype=np.float64).ravel()
-    if len(array) < 2 or not np.isfinite(array).all():
-        raise ValueError(f"values must be at least 2 finite numbers, got {array.tolist()}")
-    _check_confidence(confidence)
+    array = check_array(np.ravel(values), "values", (None,))
+    if len(array) < 2:
+        raise ValueError(f"values must be at least 2 numbers, got {array.tolist()}")
     rng = np.random.default_rng(seed)
-    means = rng.choice(array, size=(resamples, len(array))).mean(axis=1)
-    low, high = np.quantile(means, [(1 - confidence) / 2, (1 + confidence) / 2])
-    return float(low), float(high)
+    return _percentiles(rng.choice(array, size=(resamples, len(array))).mean(axis=1))
 
 
 def paired_bootstrap(
-    first: ArrayLike, second: ArrayLike, confidence: float = 0.95, *, seed: int = 0
+    first: ArrayLike, second: ArrayLike, *, seed: int = 0
 ) -> tuple[float, float, float]:
-    """The mean of first - second, and its percentile bootstrap interval over seeds and episodes.
+    """The mean of first - second, and its 95 % percentile bootstrap interval.
 
     Training seeds and episodes are resampled independently, as crossed factors: every seed's
     network is judged by the same episodes.
@@ -218,36 +226,33 @@ def paired_bootstrap(
     Args:
         first: (seeds, episodes), scores of one method.
         second: (seeds, episodes), of the other, for the same seeds and episodes.
-        confidence: above 0 and below 1.
         seed: of the resampling.
 
     Returns:
         Mean, lower end, upper end.
     """
-    a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
-    if a.ndim != 2 or a.shape != b.shape or a.shape[1] < 2:
-        raise ValueError(
-            "first and second must have the same shape (seeds, episodes) with at least 2 "
-            f"episodes, got {a.shape} and {b.shape}"
-        )
-    difference = a - b
-    if not np.isfinite(difference).all():
-        raise ValueError("first and second must be finite")
-    _check_confidence(confidence)
-    rng = np.random.default_rng(seed)
+    a = check_array(first, "first", (None, None))
+    difference = a - check_array(second, "second", a.shape)
     seeds, episodes = difference.shape
+    if episodes < 2:
+        raise ValueError(f"first must have at least 2 episodes (columns), got shape {a.shape}")
+    rng = np.random.default_rng(seed)
     often = rng.multinomial(seeds, np.full(seeds, 1 / seeds), size=5000) / seeds
     which = rng.multinomial(episodes, np.full(episodes, 1 / episodes), size=5000) / episodes
     means = np.einsum("rs,re,se->r", often, which, difference, optimize=True)
-    low, high = np.quantile(means, [(1 - confidence) / 2, (1 + confidence) / 2])
-    return float(difference.mean()), float(low), float(high)
+    return float(difference.mean()), *_percentiles(means)
+
+
+def _percentiles(means: NDArray[np.float64]) -> tuple[float, float]:
+    low, high = np.quantile(means, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return float(low), float(high)
 
 
 def energy_score(samples: Tensor, truth: Tensor) -> float:
     """E|X - y| - E|X - X'| / 2, averaged over conditions (Gneiting & Raftery 2007, eq. 22).
 
-    A proper score: no law does better on average than the one that y comes from. It needs a
-    single y for each condition, and is unbiased.
+    A proper score: no law has a lower mean than the one that y comes from. It needs a single y for
+    each condition, and is unbiased.
 
     Args:
         samples: (m, n, d), m at least 2 samples for each of n conditions.
@@ -280,15 +285,15 @@ def energy_scores(samples: Tensor, truth: Tensor) -> Tensor:
 
 
 def mode_entropy(modes: ArrayLike) -> float:
-    """The entropy of the ways that are taken, in nats, averaged over conditions.
+    """The entropy of the modes that samples take, in nats, averaged over conditions.
 
-    0 where every condition is met in one way; log K where K ways are equally frequent. The entropy
-    of the counts is a little too small, by about (K - 1) / (2 draws): compare it to that of
+    0 where every condition has one mode; log K where K modes are equally frequent. The entropy of
+    the counts is a little too small, by about (K - 1) / (2 draws): compare it to that of
     demonstrations with as many draws.
 
     Args:
-        modes: (conditions, draws), whole numbers; those below 0 are of failed draws and count for
-            nothing. A condition without any other has entropy 0.
+        modes: (conditions, draws), whole numbers; those below 0 are of failed draws and do not
+            count. A condition with failed draws alone has entropy 0.
     """
     array = np.asarray(modes)
     if array.ndim != 2 or array.dtype.kind not in "iu" or array.size == 0:
@@ -298,8 +303,3 @@ def mode_entropy(modes: ArrayLike) -> float:
         )
     counts = [np.unique(row[row >= 0], return_counts=True)[1] for row in array]
     return float(np.mean([stats.entropy(count) if len(count) else 0.0 for count in counts]))
-
-
-def _check_confidence(confidence: float) -> None:
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence must lie between 0 and 1, got {confidence}")

@@ -10,28 +10,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from cotlearn.datasets import Dataset, Unconditional, digits, unconditional
-from cotlearn.validation import check_count, check_matrix, check_same_rows
+from cotlearn.renamed import renamed
+from cotlearn.validation import (
+    check_choice,
+    check_count,
+    check_matrix,
+    check_same_rows,
+    check_times,
+)
 
-__all__ = [
-    "Components",
-    "ConditionalGaussianMixture",
-    "Dataset",
-    "Unconditional",
-    "digits",
-    "eight_gaussians",
-    "fork",
-    "moons",
-    "moving_modes",
-    "petals",
-    "rotating_pair",
-    "unconditional",
-]
+_MOVED = ("Dataset", "Unconditional", "digits", "unconditional")
+__getattr__ = renamed(__name__, {name: f"cotlearn.datasets:{name}" for name in _MOVED})
 
 
 class Components(NamedTuple):
@@ -74,7 +68,7 @@ class ConditionalGaussianMixture:
 
     def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw one x from p(x | c) for each row of c, shape (n, d)."""
-        log_weights, means, stds = self.components(self._check_c(c))
+        log_weights, means, stds = self._components(c)
         k = torch.multinomial(log_weights.exp(), 1, generator=generator)[:, 0]
         row = torch.arange(len(c))
         noise = torch.randn(len(c), self.dim, generator=generator)
@@ -90,7 +84,9 @@ class ConditionalGaussianMixture:
         Raises:
             ValueError: p(x | c) has no density because a coordinate is certain given c.
         """
-        x, (log_weights, means, stds) = self._check_x(x, c), self.components(self._check_c(c))
+        check_matrix(x, "x", columns=self.dim)
+        log_weights, means, stds = self._components(c)
+        check_same_rows(x, "x", c, "c")
         if (stds == 0).any():
             raise ValueError(f"{self.name}: p(x | c) has no density, c fixes a coordinate of x")
         return torch.logsumexp(log_weights + _log_normal(x, means, stds), dim=1)
@@ -102,9 +98,10 @@ class ConditionalGaussianMixture:
         the posterior weights of the components add these up (science of Lipman et al., 2210.02747,
         applied to mixtures). t is a number or has shape (n,), in [0, 1].
         """
-        x = self._check_x(x, c)
-        log_weights, means, stds = self.components(self._check_c(c))
-        time = _check_time(t, x)[:, None, None]
+        check_matrix(x, "x", columns=self.dim)
+        log_weights, means, stds = self._components(c)
+        check_same_rows(x, "x", c, "c")
+        time = check_times(t, x)[:, None, None]
         variance = (1 - time) ** 2 + time**2 * stds**2  # of x_t given k
         covariance = time * stds**2 - (1 - time)  # of x_t with x1 - x0 given k
         # At t = 1 a certain coordinate has no spread: all that is left there is its mean.
@@ -115,22 +112,8 @@ class ConditionalGaussianMixture:
         field = means + covariance / variance * (x[:, None, :] - time * means)
         return (posterior[:, :, None] * field).sum(dim=1)
 
-    def _check_c(self, c: Any) -> Tensor:
-        return check_matrix(c, "c", columns=self.condition_dim)
-
-    def _check_x(self, x: Any, c: Tensor) -> Tensor:
-        x = check_matrix(x, "x", columns=self.dim)
-        check_same_rows(x, "x", c, "c")
-        return x
-
-
-def _check_time(t: Tensor | float, x: Tensor) -> Tensor:
-    time = torch.as_tensor(t, dtype=x.dtype)
-    if time.ndim > 1 or (time.ndim == 1 and len(time) != len(x)):
-        raise ValueError(f"t must be a number or have shape ({len(x)},), got {tuple(time.shape)}")
-    if not ((time >= 0) & (time <= 1)).all():
-        raise ValueError(f"t must lie in [0, 1], got values from {time.min()} to {time.max()}")
-    return time.expand(len(x))
+    def _components(self, c: Tensor) -> Components:
+        return self.components(check_matrix(c, "c", columns=self.condition_dim))
 
 
 def _log_normal(x: Tensor, means: Tensor, stds: Tensor) -> Tensor:
@@ -176,13 +159,17 @@ def _continuous(
     def components(c: Tensor) -> Components:
         return _even(means(c[:, 0]), std)
 
-    def draw(n: int, generator: torch.Generator | None) -> Tensor:
-        return 2 * torch.rand(n, 1, generator=generator) - 1
+    return ConditionalGaussianMixture(name, 2, 1, components, uniform_conditions, spread_conditions)
 
-    def spread(n: int) -> Tensor:
-        return ((torch.arange(n) + 0.5) / n * 2 - 1)[:, None]
 
-    return ConditionalGaussianMixture(name, 2, 1, components, draw, spread)
+def uniform_conditions(n: int, generator: torch.Generator | None = None) -> Tensor:
+    """n conditions drawn uniformly from [-1, 1], shape (n, 1)."""
+    return 2 * torch.rand(n, 1, generator=generator) - 1
+
+
+def spread_conditions(n: int) -> Tensor:
+    """n conditions evenly spread over [-1, 1], shape (n, 1)."""
+    return ((torch.arange(n) + 0.5) / n * 2 - 1)[:, None]
 
 
 def petals(n_conditions: int = 4) -> ConditionalGaussianMixture:
@@ -260,10 +247,8 @@ def moons(condition: str = "class") -> ConditionalGaussianMixture:
     upper = torch.stack([angle.cos(), angle.sin()], dim=1)
     lower = torch.stack([1 - angle.cos(), 0.5 - angle.sin()], dim=1)
     means = 3 * torch.stack([upper, lower]) - 1
-    if condition == "class":
+    if check_choice(condition, "condition", ("class", "x")) == "class":
         return _labelled("moons", means, std)
-    if condition != "x":
-        raise ValueError(f"condition must be 'class' or 'x', got {condition!r}")
     return _moons_given_x(means.reshape(-1, 2), std)
 
 

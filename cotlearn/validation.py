@@ -1,15 +1,18 @@
-"""Checks of arguments that every floor of the house shares.
+"""Checks of arguments at the documented doors, one for each kind of argument.
 
 Each check names the argument, what came and what was expected.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
+import numpy as np
 import torch
-from torch import Tensor
+from numpy.typing import NDArray
+from torch import Tensor, nn
 
 
 def check_matrix(value: Any, name: str, *, columns: int | None = None) -> Tensor:
@@ -25,10 +28,8 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None) -> Tensor
         raise TypeError(f"{name} must be a floating-point tensor, got {value.dtype}")
     if value.ndim != 2:
         raise ValueError(f"{name} must have shape (rows, columns), got {tuple(value.shape)}")
-    if value.shape[0] == 0:
-        raise ValueError(f"{name} is empty: it has 0 rows")
-    if value.shape[1] == 0 and columns is None:
-        raise ValueError(f"{name} is empty: it has 0 columns")
+    if not value.numel() and columns != 0:
+        raise ValueError(f"{name} is empty: it has shape {tuple(value.shape)}")
     if columns is not None and value.shape[1] != columns:
         raise ValueError(f"{name} has {value.shape[1]} columns, expected {columns}")
     if not math.isfinite(value.detach().sum()):  # quick; of large numbers the sum can be infinite
@@ -83,6 +84,62 @@ def check_same_rows(first: Tensor, first_name: str, second: Tensor, second_name:
         )
 
 
+def check_inputs(network: Any, x: Any, c: Any, name: str = "x") -> Tensor | None:
+    """Check what a network is about to be given, and return c as floating-point numbers, or None.
+
+    Args:
+        network: sizes are compared with its `dim` and `condition_dim`, if it has them, and the
+            type of numbers with that of its weights, if it is a module.
+        x: (B, d), finite.
+        c: (B, k), or None.
+        name: of x, for messages.
+    """
+    check_matrix(x, name, columns=getattr(network, "dim", None))
+    if isinstance(network, nn.Module):
+        weights = next(itertools.chain(network.parameters(), network.buffers()), x)
+        if x.dtype != weights.dtype:
+            raise TypeError(f"{name} must have the weights' type {weights.dtype}, got {x.dtype}")
+    wanted = getattr(network, "condition_dim", None)
+    if c is None:
+        if wanted:
+            raise ValueError(f"c is missing: this network needs c of shape (rows, {wanted})")
+        return None
+    if wanted == 0:
+        raise ValueError("this network has condition_dim=0, but got c; pass c=None")
+    c = check_condition(c)
+    check_same_rows(c, "c", x, name)
+    if wanted is not None and c.shape[1] != wanted:
+        raise ValueError(f"c has {c.shape[1]} columns, this network expects {wanted}")
+    return c
+
+
+def check_times(t: Any, x: Tensor) -> Tensor:
+    """Times t in [0, 1], a number or of shape (B,), as a tensor of shape (B,) like x."""
+    time = torch.as_tensor(t, dtype=x.dtype, device=x.device).detach()
+    if time.ndim > 1 or (time.ndim == 1 and len(time) != len(x)):
+        raise ValueError(f"t must be a number or have shape ({len(x)},), got {tuple(time.shape)}")
+    if not ((time >= 0) & (time <= 1)).all():
+        raise ValueError(f"t must lie in [0, 1], got values from {time.min()} to {time.max()}")
+    return time.expand(len(x))
+
+
+def check_array(value: Any, name: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+    """Return real, finite numbers as a float64 array of this shape; None is any size above 0."""
+    try:
+        array = np.asarray(value, dtype=None if np.iscomplexobj(value) else np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must hold real numbers, got {value!r}") from None
+    if np.iscomplexobj(array):
+        raise TypeError(f"{name} must hold real numbers, got complex ones")
+    fits = array.ndim == len(shape) and array.size
+    if not fits or any(w not in (None, n) for n, w in zip(array.shape, shape, strict=True)):
+        wanted = str(shape).replace("None", "any")
+        raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} has NaN or infinite values")
+    return array
+
+
 def check_count(value: Any, name: str, *, minimum: int = 1) -> int:
     """Return `value` if it is an integer of at least `minimum` (True and 3.0 are not integers)."""
     if isinstance(value, bool) or not hasattr(value, "__index__"):
@@ -105,6 +162,13 @@ def check_number(value: Any, name: str, *, minimum: float = 0.0, infinite: bool 
     if math.isnan(number) or number < minimum or (math.isinf(number) and not infinite):
         also = " (infinity is allowed)" if infinite else " and finite"
         raise ValueError(f"{name} must be at least {minimum:g}{also}, got {number}")
+    return number
+
+
+def check_positive(value: Any, name: str) -> float:
+    """Return `value` as a float if it is a finite number above 0."""
+    if (number := check_number(value, name)) == 0:
+        raise ValueError(f"{name} must be above 0, got {value}")
     return number
 
 

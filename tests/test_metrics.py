@@ -126,7 +126,7 @@ def test_a_marginal_that_is_right_does_not_hide_a_wrong_condition():
 
 def test_conditional_squared_w2_with_a_sampler_of_a_flow_and_with_a_data_set():
     data = petals()
-    draw = sampler(data.velocity, nfe=40, method="midpoint", dim=2)
+    draw = sampler(data.velocity, nfe=80, dim=2)
     assert conditional_squared_w2(draw, data, n=200, generator=seeded()) < 0.3
     x1, c = data.sample(400, generator=seeded())
     finite = Dataset(x1, c)
@@ -207,12 +207,11 @@ def test_straightness_zero_means_one_step_is_exact():
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 10), (1, 10), (5, 10), (10, 10), (87, 100), (3, 7)])
-@pytest.mark.parametrize(("confidence", "z"), [(0.95, 1.959963985), (0.9, 1.644853627)])
-def test_wilson_by_the_textbook(k, n, confidence, z):
-    p = k / n
+def test_wilson_by_the_textbook(k, n):
+    p, z = k / n, 1.959963985
     centre = (p + z**2 / (2 * n)) / (1 + z**2 / n)
     half = z / (1 + z**2 / n) * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    low, high = wilson_interval(k, n, confidence)
+    low, high = wilson_interval(k, n)
     assert low == pytest.approx(centre - half, abs=1e-7)
     assert high == pytest.approx(centre + half, abs=1e-7)
     assert 0 <= low <= p <= high <= 1
@@ -235,8 +234,6 @@ def test_bootstrap_is_close_to_the_normal_interval():
     assert high == pytest.approx(values.mean() + half, abs=0.05)
     assert bootstrap_interval(values) == (low, high)
     assert bootstrap_interval(values, seed=1) != (low, high)
-    narrow = bootstrap_interval(values, confidence=0.5)
-    assert low < narrow[0] < narrow[1] < high
     assert bootstrap_interval([2.0, 2.0]) == (2.0, 2.0)
 
 
@@ -274,11 +271,9 @@ def test_bootstrap_is_close_to_the_normal_interval():
         (lambda: wilson_interval(-1, 5), ValueError, "successes must be at least 0"),
         (lambda: wilson_interval(6, 5), ValueError, "successes must be at most trials 5, got 6"),
         (lambda: wilson_interval(0.5, 5), TypeError, "successes must be an integer"),
-        (lambda: wilson_interval(1, 5, 1.0), ValueError, "confidence must lie between 0 and 1"),
-        (lambda: wilson_interval(1, 5, math.nan), ValueError, "confidence must lie between"),
         (lambda: bootstrap_interval([1.0]), ValueError, "values must be at least 2"),
-        (lambda: bootstrap_interval([1.0, math.nan]), ValueError, "values must be at least 2"),
-        (lambda: bootstrap_interval([1.0, 2.0], 0.0), ValueError, "confidence must lie"),
+        (lambda: bootstrap_interval([1.0, math.nan]), ValueError, "values has NaN"),
+        (lambda: bootstrap_interval(["a", "b"]), TypeError, "values must hold real numbers"),
     ],
 )
 def test_bad_input(call, error, message):
@@ -307,7 +302,7 @@ def test_l2_uvp():
     assert l2_uvp(truth.mean(dim=0).expand_as(truth), truth) == pytest.approx(100, rel=1e-3)
     assert l2_uvp(truth + 1, truth) == pytest.approx(25, rel=0.05)
     assert l2_uvp(truth + 1, truth, variance=30.0) == pytest.approx(10)
-    with pytest.raises(ValueError, match="variance must be above 0 and finite, got 0"):
+    with pytest.raises(ValueError, match="variance must be above 0, got 0"):
         l2_uvp(truth, truth, variance=0.0)
     with pytest.raises(ValueError, match="variance is missing"):
         l2_uvp(truth[:1], truth[:1])
@@ -363,9 +358,10 @@ def test_energy_score_is_least_for_the_law_itself():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: paired_bootstrap(np.zeros((2, 3)), np.zeros((3, 3))), "the same shape"),
-        (lambda: paired_bootstrap(np.zeros(3), np.zeros(3)), r"\(seeds, episodes\)"),
-        (lambda: paired_bootstrap(np.full((1, 3), np.nan), np.zeros((1, 3))), "be finite"),
+        (lambda: paired_bootstrap(np.zeros((2, 3)), np.zeros((3, 3))), r"second .* \(2, 3\), got"),
+        (lambda: paired_bootstrap(np.zeros(3), np.zeros(3)), r"first must have shape \(any, any\)"),
+        (lambda: paired_bootstrap(np.zeros((2, 1)), np.zeros((2, 1))), "at least 2 episodes"),
+        (lambda: paired_bootstrap(np.full((1, 3), np.nan), np.zeros((1, 3))), "first has NaN"),
         (lambda: energy_score(torch.zeros(1, 3, 2), torch.zeros(3, 2)), "at least 2, 3, 2"),
         (
             lambda: energy_score(torch.zeros(2, 3, 2), torch.zeros(4, 2)),

@@ -5,11 +5,13 @@ import pytest
 import torch
 
 from cotlearn.validation import (
+    check_array,
     check_choice,
     check_condition,
     check_count,
     check_matrix,
     check_number,
+    check_positive,
     check_same_rows,
     check_share,
 )
@@ -89,6 +91,30 @@ def test_numbers():
             check_number(bad, "w")
     with pytest.raises(ValueError, match="infinity is allowed"):
         check_number(math.nan, "w", infinite=True)
+
+
+def test_positive_numbers():
+    assert check_positive(np.float32(0.5), "w") == 0.5
+    for bad, message in ((0, "w must be above 0, got 0"), (-1, "w must be at least 0")):
+        with pytest.raises(ValueError, match=message):
+            check_positive(bad, "w")
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "message"),
+    [
+        ([["a"]], TypeError, "A must hold real numbers, got .*a"),
+        (np.eye(2) * 1j, TypeError, "A must hold real numbers, got complex"),
+        (np.eye(3), ValueError, r"A must have shape \(any, 2\), got \(3, 3\)"),
+        (np.ones(2), ValueError, r"A must have shape \(any, 2\), got \(2,\)"),
+        (np.ones((0, 2)), ValueError, r"A must have shape \(any, 2\), got \(0, 2\)"),
+        ([[1, math.nan]], ValueError, "A has NaN or infinite values"),
+    ],
+)
+def test_bad_arrays(value, error, message):
+    assert check_array([[1, 2]], "A", (None, 2)).dtype == np.float64
+    with pytest.raises(error, match=message):
+        check_array(value, "A", (None, 2))
 
 
 def test_choices():

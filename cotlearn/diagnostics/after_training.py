@@ -10,9 +10,10 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Coupling, Sampler, generator_for
 from cotlearn.flows.matching import Velocity
-from cotlearn.flows.solvers import ConditionalSampler, integrate, sampler
+from cotlearn.flows.solvers import integrate, sampler
 from cotlearn.metrics import (
     ConditionalData,
+    ConditionalSampler,
     bootstrap_interval,
     conditional_squared_w2,
     joint_squared_w2,

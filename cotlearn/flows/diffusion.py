@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import torch
 from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
-from cotlearn.flows.matching import Velocity
+from cotlearn.flows.matching import Velocity, squared_error
 from cotlearn.validation import (
     check_choice,
-    check_condition,
     check_count,
-    check_dtype,
+    check_inputs,
     check_matrix,
-    check_same_rows,
+    check_positive,
 )
 
 SPACINGS = ("leading", "trailing")
 LARGEST_BETA = 0.999
-
-Renoise = Callable[[int], Tensor]
 
 
 class Diffusion:
@@ -37,15 +33,13 @@ class Diffusion:
         clip: the predicted x1 is cut to [-clip, clip] while sampling; None for data without range.
 
     Attributes:
-        kept: a_k, (N,), the share of the data's variance that is left at level k, falling.
+        alphas_cumprod: a_k, (N,), the share of the data's variance at level k, falling.
     """
 
     def __init__(self, levels: int = 100, *, clip: float | None = 1.0) -> None:
         self.levels = check_count(levels, "levels", minimum=2)
-        if clip is not None and not clip > 0:
-            raise ValueError(f"clip must be above 0 or None, got {clip}")
-        self.clip = clip
-        self.kept = _squared_cosine(levels)
+        self.clip = None if clip is None else check_positive(clip, "clip")
+        self.alphas_cumprod = _squared_cosine(levels)
 
     def loss(self, network: Velocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
         """|network(k / N, x_k, c) - x0|^2 at one uniform level per row, (B,) (2006.11239, eq. 14).
@@ -53,24 +47,13 @@ class Diffusion:
         It is a loss for `fit`; the coupling must be `Independent`, or x0 would not be noise.
         """
         k = torch.randint(self.levels, (len(pairs),), generator=generator).to(pairs.x0.device)
-        kept = self.kept.to(pairs.x0)[k][:, None]
-        x = kept.sqrt() * pairs.x1 + (1 - kept).sqrt() * pairs.x0
-        predicted = network((k / self.levels).to(x), x, pairs.c)
-        if predicted.shape != x.shape:  # broadcasting would hide it
-            raise ValueError(
-                f"network must return shape {tuple(x.shape)}, got {tuple(predicted.shape)}"
-            )
-        return (predicted - pairs.x0).square().sum(dim=1)
+        a = self.alphas_cumprod.to(pairs.x0)[k][:, None]
+        x = a.sqrt() * pairs.x1 + (1 - a).sqrt() * pairs.x0
+        return squared_error(network((k / self.levels).to(x), x, pairs.c), pairs.x0)
 
     @torch.no_grad()
     def ddpm(
-        self,
-        network: Velocity,
-        x: Tensor,
-        c: Tensor | None = None,
-        *,
-        generator: torch.Generator | None = None,
-        noise: Tensor | None = None,
+        self, network: Velocity, x: Tensor, c: Tensor | None = None, *, noise: Tensor
     ) -> Tensor:
         """Samples by all N steps of the ancestral chain (Ho 2006.11239, algorithm 2).
 
@@ -78,33 +61,24 @@ class Diffusion:
             network: trained with `loss`.
             x: (B, d) noise to start from.
             c: (B, k), or None.
-            generator: of the noise added in each step but the last.
-            noise: (N - 1, B, d), that noise, drawn before; then no generator is needed.
+            noise: (N - 1, B, d), standard normal, added in each step but the last.
         """
-        _check(x, c)
-        if noise is not None:
-            check_dtype(noise, "noise", x.dtype)
-            if not torch.isfinite(noise).all():
-                raise ValueError("noise has NaN or infinite values")
-        if noise is not None and noise.shape != (self.levels - 1, *x.shape):
-            raise ValueError(
-                f"noise must have shape {(self.levels - 1, *x.shape)}, got {tuple(noise.shape)}"
-            )
-        kept = self.kept.double().tolist()
+        check_inputs(network, x, c)
+        shape = (self.levels - 1, *x.shape)
+        if noise.shape != shape:
+            raise ValueError(f"noise must have shape {shape}, got {tuple(noise.shape)}")
+        check_matrix(noise.reshape(len(noise), -1), "noise")
+        noise = noise.to(x)
+        a = self.alphas_cumprod.double().tolist()
         for number, k in enumerate(reversed(range(self.levels))):
-            before = kept[k - 1] if k else 1.0
-            step = kept[k] / before  # 1 - beta_k
+            before = a[k - 1] if k else 1.0
+            step = a[k] / before  # 1 - beta_k
             x1, _ = self._split(network, k, x, c)
-            of_x1 = math.sqrt(before) * (1 - step) / (1 - kept[k])
-            of_x = math.sqrt(step) * (1 - before) / (1 - kept[k])
+            of_x1 = math.sqrt(before) * (1 - step) / (1 - a[k])
+            of_x = math.sqrt(step) * (1 - before) / (1 - a[k])
             x = of_x1 * x1 + of_x * x
             if k:
-                spread = math.sqrt((1 - before) / (1 - kept[k]) * (1 - step))
-                if noise is None:
-                    fresh = torch.randn(x.shape, generator=generator, dtype=x.dtype).to(x.device)
-                else:
-                    fresh = noise[number]
-                x = x + spread * fresh
+                x = x + math.sqrt((1 - before) / (1 - a[k]) * (1 - step)) * noise[number]
         return x
 
     @torch.no_grad()
@@ -128,12 +102,12 @@ class Diffusion:
                 Diffusion Policy's; "trailing": N - 1, N - 1 - N / nfe, ..., which starts where
                 there is only noise (2305.08891).
         """
-        _check(x, c)
+        check_inputs(network, x, c)
         levels = self.ddim_levels(nfe, spacing)
         for k, after in zip(levels, [*levels[1:], None], strict=True):
             x1, noise = self._split(network, k, x, c)
-            kept = 1.0 if after is None else float(self.kept[after])
-            x = math.sqrt(kept) * x1 + math.sqrt(1 - kept) * noise
+            a = 1.0 if after is None else float(self.alphas_cumprod[after])
+            x = math.sqrt(a) * x1 + math.sqrt(1 - a) * noise
         return x
 
     def ddim_levels(self, nfe: int, spacing: str = "leading") -> list[int]:
@@ -147,11 +121,10 @@ class Diffusion:
     def _split(
         self, network: Velocity, k: int, x: Tensor, c: Tensor | None
     ) -> tuple[Tensor, Tensor]:
-        """The x1 and the noise that the network sees in x at level k."""
-        time = torch.tensor(k / self.levels, dtype=x.dtype, device=x.device)
-        noise = network(time, x, c)
-        kept = float(self.kept[k])
-        x1 = (x - math.sqrt(1 - kept) * noise) / math.sqrt(kept)
+        """The x1 and the noise that the network predicts from x at level k."""
+        noise = network(torch.tensor(k / self.levels, dtype=x.dtype, device=x.device), x, c)
+        a = float(self.alphas_cumprod[k])
+        x1 = (x - math.sqrt(1 - a) * noise) / math.sqrt(a)
         return (x1 if self.clip is None else x1.clamp(-self.clip, self.clip)), noise
 
 
@@ -163,19 +136,11 @@ def _squared_cosine(levels: int) -> Tensor:
     return (1 - beta).cumprod(dim=0)
 
 
-def _check(x: Tensor, c: Tensor | None) -> None:
-    check_matrix(x, "x")
-    if c is not None:
-        check_same_rows(check_condition(c), "c", x, "x")
-
-
 def regression_loss(network: Velocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
     """|network(0, 0, c) - x1|^2, (B,): mean-squared-error behaviour cloning on the same network."""
-    return (predict(network, torch.zeros_like(pairs.x1), pairs.c) - pairs.x1).square().sum(dim=1)
+    return squared_error(predict(network, pairs.x1, pairs.c), pairs.x1)
 
 
 def predict(network: Velocity, x: Tensor, c: Tensor | None) -> Tensor:
     """What a network trained with `regression_loss` predicts; of x only the shape counts."""
-    if not isinstance(x, Tensor):
-        raise TypeError(f"x must be a torch tensor, got {type(x).__name__}")
     return network(torch.zeros((), dtype=x.dtype, device=x.device), torch.zeros_like(x), c)

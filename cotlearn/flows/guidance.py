@@ -45,8 +45,8 @@ class LabelDropout:
 class Guided:
     """The velocity v(t, x, 0) + scale (v(t, x, c) - v(t, x, 0)).
 
-    Scale 1 is the conditional velocity, 0 the unconditional one; above 1 samples are pushed on,
-    away from what is usual without the condition. Each call evaluates the network twice.
+    Scale 1 is the conditional velocity, 0 the unconditional one; above 1 samples move away from
+    what is usual without the condition. Each call evaluates the network twice.
 
     Args:
         velocity: trained with `LabelDropout`.
@@ -66,7 +66,7 @@ class Guided:
 
     def __call__(self, t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
         """The guided velocity, (B, d)."""
-        if not isinstance(c, Tensor):
-            raise TypeError(f"a guided velocity needs a condition c, got {type(c).__name__}")
+        if c is None:
+            raise TypeError("a guided velocity needs a condition c, got None")
         plain = self.velocity(t, x, torch.zeros_like(c))
         return plain + self.scale * (self.velocity(t, x, c) - plain)

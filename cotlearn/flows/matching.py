@@ -31,21 +31,29 @@ class Loss(Protocol):
 
 
 def interpolate(x0: Tensor, x1: Tensor, t: Tensor) -> Tensor:
-    """The straight path x_t = (1 - t) x0 + t x1 for t of shape (B,).
-
-    Raises:
-        TypeError: t is no tensor of real numbers.
-        ValueError: x0 and x1 have different shapes, or t has another number of rows.
-    """
-    if not isinstance(t, Tensor) or not t.is_floating_point():
-        raise TypeError(f"t must be a floating-point tensor, got {t!r}")
-    if x0.shape != x1.shape or x0.ndim < 2 or t.shape != x0.shape[:1]:
+    """The straight path x_t = (1 - t) x0 + t x1, (B, d), for t of shape (B,)."""
+    if x0.shape != x1.shape or t.shape != x0.shape[:1]:  # broadcasting would hide it
         raise ValueError(
             f"x0 and x1 must have one shape (rows, columns), and t (rows,): got {tuple(x0.shape)}, "
             f"{tuple(x1.shape)} and {tuple(t.shape)}"
         )
     t = t[:, None]
     return (1 - t) * x0 + t * x1
+
+
+def flow_matching_step(
+    network: Velocity, pairs: Pairs, generator: torch.Generator | None = None
+) -> Tensor:
+    """The loss of one gradient step on a batch: a number to call `backward` on.
+
+    For training loops other than `fit`; the optimiser's three lines stay with the loop.
+
+    Args:
+        network: called as network(t, x, c).
+        pairs: a batch of any coupling.
+        generator: draws the times on the CPU; torch's global one if None.
+    """
+    return weighted_mean(conditional_flow_matching_loss(network, pairs, generator), pairs)
 
 
 def conditional_flow_matching_loss(
@@ -60,49 +68,52 @@ def conditional_flow_matching_loss(
 
     Returns:
         (B,), the squared error of each row, summed over dimensions.
-
-    Raises:
-        ValueError: the network's output has another shape than x1.
     """
-    return _loss_at(network, pairs, _times(pairs, generator))
+    return _loss_at(network, pairs, uniform_times(pairs, generator))
 
 
 @dataclass(frozen=True)
-class EarlyFlowMatching:
+class OversampleT0:
     """`conditional_flow_matching_loss` that trains a share of the rows at t = 0.
 
-    The first evaluation is all that one-step sampling has, and a uniform t hardly ever meets it.
+    One-step sampling evaluates the velocity at t = 0 alone, which a uniform t hardly ever meets.
 
     Args:
-        share: of the rows, in [0, 1].
+        share_at_t0: of the rows, in [0, 1].
     """
 
-    share: float
+    share_at_t0: float
 
     def __post_init__(self) -> None:
-        check_share(self.share, "share")
+        check_share(self.share_at_t0, "share_at_t0")
 
     def __call__(
         self, network: Velocity, pairs: Pairs, generator: torch.Generator | None = None
     ) -> Tensor:
         """The squared error of each row, (B,)."""
-        early = torch.rand(len(pairs), generator=generator).to(pairs.x0.device) < self.share
-        return _loss_at(network, pairs, _times(pairs, generator).masked_fill(early, 0.0))
+        drawn = torch.rand(len(pairs), generator=generator).to(pairs.x0.device)
+        t = uniform_times(pairs, generator).masked_fill(drawn < self.share_at_t0, 0.0)
+        return _loss_at(network, pairs, t)
 
 
-def _times(pairs: Pairs, generator: torch.Generator | None) -> Tensor:
+def uniform_times(pairs: Pairs, generator: torch.Generator | None) -> Tensor:
+    """One time for each row, (B,), drawn on the CPU."""
     times = torch.rand(len(pairs), generator=generator, dtype=pairs.x0.dtype)
     return times.to(pairs.x0.device)
 
 
 def _loss_at(network: Velocity, pairs: Pairs, t: Tensor) -> Tensor:
-    x_t = interpolate(pairs.x0, pairs.x1, t)
-    predicted = network(t, x_t, pairs.c)
-    if predicted.shape != x_t.shape:  # broadcasting would hide it
+    predicted = network(t, interpolate(pairs.x0, pairs.x1, t), pairs.c)
+    return squared_error(predicted, pairs.x1 - pairs.x0)
+
+
+def squared_error(predicted: Tensor, target: Tensor) -> Tensor:
+    """|predicted - target|^2 of each row, (B,)."""
+    if predicted.shape != target.shape:  # broadcasting would hide it
         raise ValueError(
-            f"network must return shape {tuple(x_t.shape)}, got {tuple(predicted.shape)}"
+            f"network must return shape {tuple(target.shape)}, got {tuple(predicted.shape)}"
         )
-    return (predicted - (pairs.x1 - pairs.x0)).square().sum(dim=1)
+    return (predicted - target).square().sum(dim=1)
 
 
 def weighted_mean(losses: Tensor, pairs: Pairs) -> Tensor:

@@ -12,43 +12,24 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from cotlearn.validation import check_count, check_dtype
+from cotlearn.validation import check_count
 
 _TIME_FEATURES = 32
 _GROUPS = 8  #: of the group normalisation, as in Diffusion Policy
 
 
 class _Network(nn.Module):
-    """What all velocity networks share: their sizes, and the checks of their inputs."""
+    """What all velocity networks share: their sizes, and the form of their inputs."""
 
     def __init__(self, dim: int, condition_dim: int) -> None:
         super().__init__()
         self.dim = check_count(dim, "dim")
         self.condition_dim = check_count(condition_dim, "condition_dim", minimum=0)
 
-    def _inputs(
-        self, t: Tensor | float, x: Tensor, c: Tensor | None
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """t as (B,), x, and c as (B, k), with k = 0 where there is no condition."""
-        check_dtype(x, "x", next(self.parameters()).dtype)
-        if x.ndim != 2 or x.shape[1] != self.dim:
-            raise ValueError(f"x must have shape (rows, {self.dim}), got {tuple(x.shape)}")
-        time = torch.as_tensor(t, dtype=x.dtype, device=x.device)
-        if time.ndim > 1 or (time.ndim == 1 and len(time) != len(x)):
-            raise ValueError(
-                f"t must be a number or have shape ({len(x)},), got {tuple(time.shape)}"
-            )
-        if c is None and self.condition_dim:
-            raise ValueError(f"this network needs c of shape (rows, {self.condition_dim})")
-        if c is not None and not self.condition_dim:
-            raise ValueError("this network has condition_dim=0, but got c; pass c=None")
-        if c is not None and not isinstance(c, Tensor):
-            raise TypeError(f"c must be a torch tensor, got {type(c).__name__}")
-        if c is not None and c.shape != (len(x), self.condition_dim):
-            raise ValueError(
-                f"c must have shape ({len(x)}, {self.condition_dim}), got {tuple(c.shape)}"
-            )
-        return time.expand(len(x)), x, x[:, :0] if c is None else c.to(x.dtype)
+    def _inputs(self, t: Tensor | float, x: Tensor, c: Tensor | None) -> tuple[Tensor, Tensor]:
+        """t as (B,), and c as (B, k), with k = 0 where there is no condition."""
+        time = torch.as_tensor(t, dtype=x.dtype, device=x.device).expand(len(x))
+        return time, x[:, :0] if c is None else c.to(x.dtype)
 
 
 class VelocityMLP(_Network):
@@ -90,15 +71,15 @@ class VelocityMLP(_Network):
             x: (B, d).
             c: (B, k), or None if the network has no condition.
         """
-        time, x, condition = self._inputs(t, x, c)
+        time, condition = self._inputs(t, x, c)
         return self.layers(torch.cat([time[:, None], x, condition], dim=1))
 
 
 class TimeFeatures(nn.Module):
     """Sines and cosines of t at `size` / 2 frequencies, from pi/2 to 250 pi: (B,) -> (B, size).
 
-    A network that is given the bare number t can hardly tell neighbouring times apart, and the
-    100 noise levels of a diffusion model are that.
+    A network that is given t alone can hardly tell neighbouring times apart, such as the 100 noise
+    levels of a diffusion model.
     """
 
     frequencies: Tensor
@@ -156,7 +137,7 @@ class ResidualMLP(_Network):
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
         """The velocity, shape (B, d); arguments as for `VelocityMLP`."""
-        time, x, condition = self._inputs(t, x, c)
+        time, condition = self._inputs(t, x, c)
         context = self.context(torch.cat([self.time(time), condition], dim=1))
         h = self.first(torch.cat([x, condition], dim=1))
         for block in self.blocks:
@@ -207,16 +188,11 @@ class TemporalUNet(_Network):
         super().__init__(
             check_count(steps, "steps") * check_count(channels, "channels"), condition_dim
         )
-        if not widths or any(check_count(w, "widths") % _GROUPS for w in widths):
-            raise ValueError(f"widths must be multiples of {_GROUPS}, got {widths}")
-        if steps % 2 ** (len(widths) - 1):
+        if steps % 2 ** (len(widths) - 1) or kernel % 2 == 0:
             raise ValueError(
                 f"steps must be a multiple of {2 ** (len(widths) - 1)} for {len(widths)} levels, "
-                f"got {steps}"
+                f"and kernel odd, got {steps} and {kernel}"
             )
-        if check_count(kernel, "kernel") % 2 == 0:
-            raise ValueError(f"kernel must be odd, got {kernel}")
-        check_count(context, "context")
         self.steps, self.channels = steps, channels
         self.sizes: dict[str, Any] = {"steps": steps, "channels": channels, "kernel": kernel}
         self.sizes |= {"condition_dim": condition_dim, "widths": widths, "context": context}
@@ -239,24 +215,23 @@ class TemporalUNet(_Network):
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
         """The velocity, shape (B, steps * channels); arguments as for `VelocityMLP`."""
-        time, x, condition = self._inputs(t, x, c)
+        time, condition = self._inputs(t, x, c)
         context = self.context(torch.cat([self.time(time), condition], dim=1))
-        h = x.reshape(-1, self.steps, self.channels).transpose(1, 2)
-        kept = []
-        for level, block in enumerate(self.down):
+        h = x.reshape(len(x), self.steps, self.channels).transpose(1, 2)
+        skipped = []
+        for block, shorten in itertools.zip_longest(self.down, self.shorten):
             h = block(h, context)
-            if level < len(self.shorten):
-                kept.append(h)
-                h = self.shorten[level](h)
+            if shorten is not None:
+                skipped.append(h)
+                h = shorten(h)
         h = self.middle(h, context)
-        for level in reversed(range(len(self.up))):
-            h = torch.cat([self.lengthen[level](h), kept[level]], dim=1)
-            h = self.up[level](h, context)
+        for lengthen, block in zip(reversed(self.lengthen), reversed(self.up), strict=True):
+            h = block(torch.cat([lengthen(h), skipped.pop()], dim=1), context)
         return self.last(h).transpose(1, 2).reshape(x.shape)
 
 
 class _FilmBlock(nn.Module):
-    """Two convolutions over time, scaled and shifted by the context, and a way round them."""
+    """Two convolutions over time, scaled and shifted by the context, and a skip connection."""
 
     def __init__(self, before: int, after: int, *, kernel: int, context: int) -> None:
         super().__init__()
@@ -278,12 +253,12 @@ def _convolution(before: int, after: int, kernel: int) -> nn.Sequential:
 class SpatialSoftmax(nn.Module):
     """Where each channel of (B, C, h, w) is strongest: (B, 2 C), x and y from -1 to 1.
 
-    Every channel is made a distribution over its places, and the mean place is returned: a feature
-    that moves moves the numbers, by less than a cell if need be (Levine 1504.00702).
+    A softmax makes each channel a distribution over its cells; the result is its mean position,
+    which moves with a feature even by less than a cell (Levine 1504.00702).
     """
 
     def forward(self, h: Tensor) -> Tensor:
-        """The mean places."""
+        """The mean positions."""
         share = h.flatten(2).softmax(dim=2).view(h.shape)
         down, right = (
             torch.linspace(-1, 1, n, dtype=h.dtype, device=h.device) for n in h.shape[2:]
@@ -292,46 +267,33 @@ class SpatialSoftmax(nn.Module):
 
 
 class ImageEncoder(nn.Module):
-    """Convolutions with group normalisation and a spatial softmax, for small pictures.
+    """Three convolutions with group normalisation and a spatial softmax, for small pictures.
 
     Args:
         features: numbers that a picture becomes.
-        filters: channels of each layer, multiples of 8; the first two layers halve the picture.
         seed: of the initial weights; torch's global randomness if None.
     """
 
-    def __init__(
-        self, features: int, *, filters: tuple[int, ...] = (16, 32, 64), seed: int | None = None
-    ) -> None:
+    def __init__(self, features: int, *, seed: int | None = None) -> None:
         super().__init__()
-        self.features, self.filters = check_count(features, "features"), tuple(filters)
-        if not filters or any(check_count(f, "filters") % _GROUPS for f in filters):
-            raise ValueError(f"filters must be multiples of {_GROUPS}, got {filters}")
+        self.features = check_count(features, "features")
         with seeded(seed):
-            layers: list[nn.Module] = []
-            for i, (before, after) in enumerate(itertools.pairwise((3, *filters))):
-                kernel, stride = (3 if i else 5), (2 if i < 2 else 1)
-                layers += [
-                    nn.Conv2d(before, after, kernel, stride, padding=kernel // 2),
-                    nn.GroupNorm(_GROUPS, after),
-                    nn.ReLU(),
-                ]
-            self.layers = nn.Sequential(*layers, SpatialSoftmax())
-            self.last = nn.Linear(2 * filters[-1], features)
+            self.layers = nn.Sequential(
+                *(nn.Conv2d(3, 16, 5, stride=2, padding=2), nn.GroupNorm(_GROUPS, 16), nn.ReLU()),
+                *(nn.Conv2d(16, 32, 3, stride=2, padding=1), nn.GroupNorm(_GROUPS, 32), nn.ReLU()),
+                *(nn.Conv2d(32, 64, 3, padding=1), nn.GroupNorm(_GROUPS, 64), nn.ReLU()),
+                SpatialSoftmax(),
+            )
+            self.last = nn.Linear(2 * 64, features)
 
     def forward(self, images: Tensor) -> Tensor:
         """(B, features) from images (B, 3, height, width), values from -1 to 1."""
-        check_dtype(images, "images", self.last.weight.dtype)
-        if images.ndim != 4 or images.shape[1] != 3 or 0 in images.shape:
-            raise ValueError(
-                f"images must have shape (rows, 3, height, width), got {tuple(images.shape)}"
-            )
         return self.last(self.layers(images))
 
 
 @contextlib.contextmanager
 def seeded(seed: int | None) -> Iterator[None]:
-    """Draw from a seed of one's own, and leave the global randomness as it was."""
+    """Draw from this seed, and leave torch's global randomness as it was."""
     if seed is None:
         yield
         return

@@ -9,9 +9,8 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -19,12 +18,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from cotlearn.couplings.base import Coupling, Sampler, Source, generator_for
-from cotlearn.flows.ahead import has_spare_core, running_ahead
+from cotlearn.couplings.base import Coupling, Pairs, Sampler, Source, generator_for
 from cotlearn.flows.matching import Loss, conditional_flow_matching_loss, weighted_mean
+from cotlearn.flows.prefetch import has_spare_core, prefetch
 from cotlearn.progress import progress_bar
 from cotlearn.storage import load_tensors, save_tensors
-from cotlearn.validation import check_choice, check_count, check_number
+from cotlearn.validation import (
+    check_choice,
+    check_count,
+    check_inputs,
+    check_positive,
+    check_share,
+)
 
 LOSS_RANDOMNESS = 1  #: keeps the times of the loss apart from the pairs (see `generator_for`)
 SCHEDULES = ("cosine", "constant")
@@ -44,38 +49,19 @@ class FitResult:
     history: dict[str, NDArray[np.float64]]
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """What must be the same when a training is resumed."""
-
-    steps: int
-    batch_size: int
-    ot_batch_size: int
-    seed: int
-    learning_rate: float
-    schedule: str
-    ema: float
-    coupling: str
-    data: str
-    loss: str
-
-
 @dataclass
 class _State:
-    """What changes from step to step."""
+    """What changes from step to step; `plan` is what must be the same when a training resumes."""
 
     network: nn.Module
     averaged: nn.Module
     optimizer: torch.optim.Adam
     coupling: Coupling
+    plan: dict[str, Any]
     step: int = 0
     seconds: float = 0.0
     unlogged: list[Tensor] = field(default_factory=list)
     log: list[tuple[float, float, float]] = field(default_factory=list)
-
-    def history(self) -> dict[str, NDArray[np.float64]]:
-        rows = np.array(self.log, dtype=np.float64).reshape(-1, 3)
-        return {"step": rows[:, 0], "loss": rows[:, 1], "seconds": rows[:, 2]}
 
 
 def fit(
@@ -117,7 +103,7 @@ def fit(
         loss: loss(network, pairs, generator) -> one value per row.
         learning_rate: of Adam, above 0.
         schedule: "cosine" lets the learning rate fall to 0 at the end, "constant" does not.
-        ema: decay of the averaged weights per step, in [0, 1); smaller in the first steps.
+        ema: decay of the averaged weights per step, in [0, 1]; at most (1 + s)/(10 + s) in step s.
         log_every: steps between two entries of the history.
         checkpoint: a safetensors file, written every `checkpoint_every` steps, on Ctrl-C and at
             the end. If it exists the training resumes from it.
@@ -130,43 +116,45 @@ def fit(
         KeyboardInterrupt: Ctrl-C, after the checkpoint has been written.
     """
     _check_kinds(network, data, coupling)
-    ot_batch_size = batch_size if ot_batch_size is None else ot_batch_size
     check_count(log_every, "log_every")
     check_count(checkpoint_every, "checkpoint_every")
-    plan = _Plan(
-        steps=check_count(steps, "steps"),
-        batch_size=check_count(batch_size, "batch_size"),
-        ot_batch_size=check_count(ot_batch_size, "ot_batch_size"),
-        seed=check_count(seed, "seed", minimum=0),
-        learning_rate=_positive(learning_rate, "learning_rate"),
-        schedule=check_choice(schedule, "schedule", SCHEDULES),
-        ema=_decay(ema),
-        coupling=repr(coupling),
-        data=str(getattr(data, "name", type(data).__name__)),
-        loss=str(getattr(loss, "__qualname__", repr(loss))),
-    )
+    ot_batch_size = batch_size if ot_batch_size is None else ot_batch_size
+    plan = {
+        "steps": check_count(steps, "steps"),
+        "batch_size": check_count(batch_size, "batch_size"),
+        "ot_batch_size": check_count(ot_batch_size, "ot_batch_size"),
+        "seed": check_count(seed, "seed", minimum=0),
+        "learning_rate": check_positive(learning_rate, "learning_rate"),
+        "schedule": check_choice(schedule, "schedule", SCHEDULES),
+        "ema": check_share(ema, "ema"),
+        "coupling": repr(coupling),
+        "data": str(getattr(data, "name", type(data).__name__)),
+        "loss": str(getattr(loss, "__qualname__", repr(loss))),
+    }
     state = _start(network, coupling, plan)
     if checkpoint is not None and Path(checkpoint).exists():
-        _load(checkpoint, state, plan)
-    device = next(network.parameters()).device
+        _load(checkpoint, state)
+    first, device = state.step, next(network.parameters()).device
     stream = coupling.stream(
         data,
-        batch_size=plan.batch_size,
-        ot_batch_size=plan.ot_batch_size,
+        batch_size=batch_size,
+        ot_batch_size=ot_batch_size,
         source=source,
-        generator=torch.Generator().manual_seed(plan.seed),
-        start=state.step,
+        generator=torch.Generator().manual_seed(seed),
+        start=first,
     )
-    bar = progress_bar(total=steps, initial=state.step, what=coupling.name, show=progress)
+    bar = progress_bar(total=steps, initial=first, what=coupling.name, show=progress)
     on_gpu = device.type != "cpu"  # then the CPU waits
     ahead = coupling.solves and not coupling.uses_network and (on_gpu or has_spare_core())
-    batches: Any = running_ahead(stream) if ahead else stream
+    batches: Any = prefetch(stream) if ahead else stream
     with bar, contextlib.closing(batches), _interrupt_between_steps() as interrupted:
         while state.step < steps:
             started = time.perf_counter()
             coupling.observe(state.averaged, state.step)
-            pairs = next(batches).map(lambda value: value.to(device))
-            _gradient_step(state, plan, pairs, loss)
+            pairs = next(batches)
+            if state.step == first:
+                check_inputs(network, pairs.x1, pairs.c, "x1")
+            _gradient_step(state, pairs.map(lambda value: value.to(device)), loss)
             state.step += 1
             state.seconds += time.perf_counter() - started
             if state.step % log_every == 0 or state.step == steps:
@@ -174,37 +162,34 @@ def fit(
             bar.update()
             done = state.step == steps or interrupted.is_set()
             if checkpoint is not None and (done or state.step % checkpoint_every == 0):
-                _save(checkpoint, state, plan)
+                _save(checkpoint, state)
             if interrupted.is_set():
                 raise KeyboardInterrupt(f"training stopped after step {state.step}")
-    return FitResult(state.averaged.eval(), state.history())
+    history = dict(zip(("step", "loss", "seconds"), np.array(state.log).T, strict=True))
+    return FitResult(state.averaged.eval(), history)
 
 
-def _start(network: nn.Module, coupling: Coupling, plan: _Plan) -> _State:
+def _start(network: nn.Module, coupling: Coupling, plan: dict[str, Any]) -> _State:
     trained = copy.deepcopy(network).train()
     if not any(p.requires_grad for p in trained.parameters()):  # as `fit` returns it
         trained.requires_grad_(True)
     averaged = copy.deepcopy(network).requires_grad_(False).eval()
-    optimizer = torch.optim.Adam(trained.parameters(), lr=plan.learning_rate, fused=True)
-    return _State(trained, averaged, optimizer, coupling)
+    optimizer = torch.optim.Adam(trained.parameters(), lr=plan["learning_rate"], fused=True)
+    return _State(trained, averaged, optimizer, coupling, plan)
 
 
-def _gradient_step(state: _State, plan: _Plan, pairs: Any, loss: Loss) -> None:
-    for group in state.optimizer.param_groups:
-        group["lr"] = _learning_rate(plan, state.step)
-    generator = generator_for(plan.seed, state.step, LOSS_RANDOMNESS)
+def _gradient_step(state: _State, pairs: Pairs, loss: Loss) -> None:
+    plan, step = state.plan, state.step
+    if plan["schedule"] == "cosine":
+        rate = plan["learning_rate"] * (1 + math.cos(math.pi * step / plan["steps"])) / 2
+        state.optimizer.param_groups[0]["lr"] = rate
+    generator = generator_for(plan["seed"], step, LOSS_RANDOMNESS)
     value = weighted_mean(loss(state.network, pairs, generator), pairs)
     state.optimizer.zero_grad(set_to_none=True)
     value.backward()
     state.optimizer.step()
     state.unlogged.append(value.detach())
-    _average(state, min(plan.ema, (1 + state.step) / (10 + state.step)))
-
-
-def _learning_rate(plan: _Plan, step: int) -> float:
-    if plan.schedule == "constant":
-        return plan.learning_rate
-    return plan.learning_rate * (1 + math.cos(math.pi * step / plan.steps)) / 2
+    _average(state, min(plan["ema"], (1 + step) / (10 + step)))
 
 
 @torch.no_grad()
@@ -212,8 +197,8 @@ def _average(state: _State, decay: float) -> None:
     torch._foreach_lerp_(
         list(state.averaged.parameters()), list(state.network.parameters()), 1 - decay
     )
-    for averaged, current in zip(state.averaged.buffers(), state.network.buffers(), strict=True):
-        averaged.copy_(current)
+    for buffer, now in zip(state.averaged.buffers(), state.network.buffers(), strict=True):
+        buffer.copy_(now)
 
 
 def _log(state: _State, bar: Any) -> None:
@@ -243,7 +228,7 @@ def _interrupt_between_steps() -> Iterator[threading.Event]:
         yield event  # only the main thread receives signals
         return
 
-    def note(signum: int, frame: FrameType | None) -> None:
+    def note(signum: int, frame: Any) -> None:
         if event.is_set():
             raise KeyboardInterrupt
         event.set()
@@ -255,74 +240,58 @@ def _interrupt_between_steps() -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, before)
 
 
-def _save(path: str | Path, state: _State, plan: _Plan) -> None:
-    tensors = {f"network.{k}": v for k, v in state.network.state_dict().items()}
-    tensors |= {f"averaged.{k}": v for k, v in state.averaged.state_dict().items()}
+def _save(path: str | Path, state: _State) -> None:
+    parts = {
+        "network": state.network.state_dict(),
+        "averaged": state.averaged.state_dict(),
+        "coupling": state.coupling.state_dict(),
+    }
     for i, moments in state.optimizer.state_dict()["state"].items():
-        tensors |= {f"optimizer.{i}.{k}": v for k, v in moments.items()}
-    tensors |= {f"coupling.{k}": v for k, v in state.coupling.state_dict().items()}
+        parts[f"optimizer.{i}"] = moments
+    tensors = {f"{part}.{k}": v for part, values in parts.items() for k, v in values.items()}
     tensors["log"] = torch.tensor(state.log, dtype=torch.float64).reshape(-1, 3)
     tensors["unlogged"] = torch.tensor(_finite_losses(state), dtype=torch.float64)
-    about = {"plan": asdict(plan), "step": state.step, "seconds": state.seconds}
-    save_tensors(path, tensors, about)
+    save_tensors(path, tensors, {n: getattr(state, n) for n in ("plan", "step", "seconds")})
 
 
-def _load(path: str | Path, state: _State, plan: _Plan) -> None:
+def _load(path: str | Path, state: _State) -> None:
     tensors, about = load_tensors(path)
-    _check_same_training(path, about.get("plan", {}), asdict(plan))
-    parts: dict[str, dict[str, Tensor]] = {}
-    for name, value in tensors.items():
-        part, _, rest = name.partition(".")
-        parts.setdefault(part, {})[rest] = value
-    try:
-        state.network.load_state_dict(parts["network"])
-        state.averaged.load_state_dict(parts["averaged"])
-    except RuntimeError as error:
-        raise ValueError(f"checkpoint {path} is of another network: {error}") from error
-    moments: dict[int, dict[str, Tensor]] = {}
-    for name, value in parts.get("optimizer", {}).items():
-        i, _, key = name.partition(".")
-        moments.setdefault(int(i), {})[key] = value
-    groups = state.optimizer.state_dict()["param_groups"]
-    state.optimizer.load_state_dict({"state": moments, "param_groups": groups})
-    state.coupling.load_state_dict(parts.get("coupling", {}))
-    state.log = [tuple(row) for row in tensors["log"].tolist()]
-    state.unlogged = list(tensors["unlogged"])
-    state.step, state.seconds = about["step"], about["seconds"]
-
-
-def _check_same_training(path: str | Path, then: dict[str, Any], now: dict[str, Any]) -> None:
-    for name, value in now.items():
+    then = about.get("plan", {})
+    for name, value in state.plan.items():
         if then.get(name) != value:
             raise ValueError(
                 f"checkpoint {path} is of another training: {name} was {then.get(name)!r}, now it "
                 f"is {value!r}; give another path, or delete the file to start again"
             )
 
+    def part(prefix: str) -> dict[str, Tensor]:
+        return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+
+    try:
+        state.network.load_state_dict(part("network."))
+        state.averaged.load_state_dict(part("averaged."))
+    except RuntimeError as error:
+        raise ValueError(f"checkpoint {path} is of another network: {error}") from error
+    numbers = {int(name.split(".")[0]) for name in part("optimizer.")}
+    moments = {i: part(f"optimizer.{i}.") for i in sorted(numbers)}
+    groups = state.optimizer.state_dict()["param_groups"]
+    state.optimizer.load_state_dict({"state": moments, "param_groups": groups})
+    state.coupling.load_state_dict(part("coupling."))
+    state.log = [tuple(row) for row in tensors["log"].tolist()]
+    state.unlogged = list(tensors["unlogged"])
+    state.step, state.seconds = about["step"], about["seconds"]
+
 
 def _check_kinds(network: Any, data: Any, coupling: Any) -> None:
-    if not isinstance(network, nn.Module):
-        raise TypeError(f"network must be a torch.nn.Module, got {_kind(network)}")
+    for name, value, fits, wanted in (
+        ("network", network, isinstance(network, nn.Module), "a torch.nn.Module"),
+        ("data", data, hasattr(data, "sample"), "an object with sample(n, generator=g)"),
+        ("coupling", coupling, hasattr(coupling, "stream"), "a coupling such as Independent()"),
+    ):
+        if isinstance(value, type) or not fits:
+            kind = (
+                f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__
+            )
+            raise TypeError(f"{name} must be {wanted}, got {kind}")
     if next(network.parameters(), None) is None:
         raise ValueError("network has no parameters: there is nothing to train")
-    if isinstance(data, type) or not hasattr(data, "sample"):
-        raise TypeError(f"data must have sample(n, generator=g), got {_kind(data)}")
-    if isinstance(coupling, type) or not hasattr(coupling, "stream"):
-        raise TypeError(f"coupling must be a coupling such as Independent(), got {_kind(coupling)}")
-
-
-def _kind(value: Any) -> str:
-    """What a value is, for the learner who forgot the brackets."""
-    return f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__
-
-
-def _positive(value: float, name: str) -> float:
-    if check_number(value, name) == 0:
-        raise ValueError(f"{name} must be above 0, got {value}")
-    return float(value)
-
-
-def _decay(ema: float) -> float:
-    if check_number(ema, "ema") >= 1:
-        raise ValueError(f"ema must lie in [0, 1), got {ema}")
-    return float(ema)

@@ -29,7 +29,7 @@ from cotlearn.couplings.reflow import FixedPairs
 from cotlearn.couplings.transformed import centred
 from cotlearn.datasets import Dataset
 from cotlearn.flows.diffusion import Diffusion, predict, regression_loss
-from cotlearn.flows.matching import EarlyFlowMatching, Loss, conditional_flow_matching_loss
+from cotlearn.flows.matching import Loss, OversampleT0, conditional_flow_matching_loss
 from cotlearn.flows.solvers import integrate
 from cotlearn.policies.samplers import DDPMSampler, FlowSampler, MeanSampler, Sampler
 from cotlearn.validation import check_choice
@@ -44,7 +44,7 @@ def _independent(options: Options, pictures: EmbeddedClusters | None) -> Couplin
 
 def _flow_matching(options: Options) -> Loss:
     if options.share_at_t0:
-        return EarlyFlowMatching(options.share_at_t0)
+        return OversampleT0(options.share_at_t0)
     return conditional_flow_matching_loss
 
 

@@ -50,7 +50,7 @@ class Options:
         execute: steps of it that are done before the next is drawn.
         knots: points that stand for a chunk; every step if None.
         open_loop: predict whole episodes from their starts, see `Windows`.
-        share_at_t0: share of the rows of a flow that are trained at t = 0, see `EarlyFlowMatching`.
+        share_at_t0: share of the rows of a flow that are trained at t = 0, see `OversampleT0`.
         ot_batch_size: rows of minibatch OT and COT.
         condition_weight: of COT; "balanced": COT Policy's rule; None: the frontier chooses where it
             is asked (`with_choice`), else "balanced".

@@ -15,14 +15,11 @@ import torch
 from torch import Tensor, nn
 
 from cotlearn.couplings.base import Pairs
-from cotlearn.flows.matching import interpolate
+from cotlearn.flows.matching import interpolate, uniform_times
 from cotlearn.flows.networks import VelocityMLP
 from cotlearn.potentials.convex import ConvexPotential
-from cotlearn.potentials.inversion import check_times
 from cotlearn.potentials.optimal_flow import straight_line
-from cotlearn.validation import check_choice
-
-TIMES = ("stratified", "uniform")
+from cotlearn.validation import check_times
 
 
 class Action(Protocol):
@@ -72,12 +69,12 @@ class ActionMLP(nn.Module):
     ) -> None:
         super().__init__()
         self.network = VelocityMLP(dim, condition_dim, width=width, depth=depth, seed=seed)
-        self.dim = dim
+        self.dim, self.condition_dim = dim, condition_dim
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
         """s_t(x; c), shape (B,), for t a number or of shape (B,), in [0, 1]."""
-        time = check_times(t, x)
-        return self._action(time, x, c)
+        s: Tensor = (self.network(t, x, c) * x).sum(dim=1)
+        return s
 
     def derivatives(
         self, t: Tensor | float, x: Tensor, c: Tensor | None = None
@@ -87,17 +84,13 @@ class ActionMLP(nn.Module):
         with torch.enable_grad():
             time = check_times(t, x).clone().requires_grad_(True)
             x = x.detach().requires_grad_(True)
-            s = self._action(time, x, c).sum()
+            s = self(time, x, c).sum()
             by_t, by_x = torch.autograd.grad(s, (time, x), create_graph=keep)
         return by_t, by_x
 
     def velocity(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
         """grad s_t(x; c), the field that `integrate` follows."""
         return self.derivatives(t, x, c)[1]
-
-    def _action(self, t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
-        s: Tensor = (self.network(t, x, c) * x).sum(dim=1)
-        return s
 
 
 class OptimalAction(nn.Module):
@@ -113,10 +106,8 @@ class OptimalAction(nn.Module):
 
     def __init__(self, potential: ConvexPotential) -> None:
         super().__init__()
-        if not isinstance(potential, ConvexPotential):
-            raise TypeError(f"potential must be a ConvexPotential, got {type(potential).__name__}")
         self.potential = potential
-        self.dim = potential.dim
+        self.dim, self.condition_dim = potential.dim, potential.condition_dim
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
         """s_t(x; c), shape (B,); its gradient in the parameters is exact (envelope theorem)."""
@@ -144,7 +135,6 @@ def action_matching_loss(
     generator: torch.Generator | None = None,
     *,
     path: Path = interpolate,
-    times: str = "stratified",
 ) -> Tensor:
     """s_0(x0) - s_1(x1) + |grad s_t(x_t)|^2/2 + ds_t/dt(x_t), one time per row.
 
@@ -157,17 +147,15 @@ def action_matching_loss(
         generator: draws t on the CPU.
         path: path(x0, x1, t) -> x_t, which must be x0 at t = 0 and x1 at t = 1; straight lines by
             default. For another one use `functools.partial`.
-        times: "stratified" draws one time in each of B equal parts of [0, 1], which takes the noise
-            of what depends on t alone out of the mean; "uniform" draws them independently.
 
     Returns:
         (B,), the loss of each row.
 
     Raises:
-        ValueError: unknown times, or a path that does not have the shape of x0.
+        ValueError: a path that does not have the shape of x0.
     """
     x0, x1, c = pairs.x0, pairs.x1, pairs.c
-    t = _times(check_choice(times, "times", TIMES), x0, generator)
+    t = _stratified_times(pairs, generator)
     x_t = path(x0, x1, t)
     if x_t.shape != x0.shape:
         raise ValueError(f"path must return shape {tuple(x0.shape)}, got {tuple(x_t.shape)}")
@@ -175,9 +163,8 @@ def action_matching_loss(
     return action(0.0, x0, c) - action(1.0, x1, c) + by_x.square().sum(dim=1) / 2 + by_t
 
 
-def _times(times: str, x: Tensor, generator: torch.Generator | None) -> Tensor:
-    t = torch.rand(len(x), generator=generator, dtype=x.dtype)
-    if times == "stratified":
-        place = torch.randperm(len(x), generator=generator)
-        t = ((place + t) / len(x)).clamp(max=1)
-    return t.to(x.device)
+def _stratified_times(pairs: Pairs, generator: torch.Generator | None) -> Tensor:
+    """One time in each of B equal parts of [0, 1]: less noise than independent times, same mean."""
+    t = uniform_times(pairs, generator)
+    place = torch.randperm(len(t), generator=generator).to(t.device)
+    return ((place + t) / len(t)).clamp(max=1)

@@ -7,53 +7,29 @@ the output is convex in x whatever the values of the parameters. Directly from x
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
+from cotlearn.couplings.base import Coupling, Pairs, draw_noise
+from cotlearn.datasets import Dataset
 from cotlearn.flows.networks import seeded
+from cotlearn.flows.training import fit
 from cotlearn.gaussian import bures_map
-from cotlearn.validation import (
-    check_condition,
-    check_count,
-    check_dtype,
-    check_matrix,
-    check_number,
-    check_same_rows,
-)
+from cotlearn.validation import check_count, check_inputs, check_number
 
 SMALLEST_ALPHA = 1e-2  #: below it the loss explodes near t = 1, where flat places are inverted
 AT_THE_START = 0.1  #: size of the network's part beside the Gaussian part before training
-
-
-class Given(Protocol):
-    """A potential with the conditions of its rows put in: a function of x alone."""
-
-    def value(self, x: Tensor) -> Tensor:
-        """Psi, shape (B,)."""
-        ...
-
-    def gradient(self, x: Tensor) -> Tensor:
-        """Its gradient in x, shape (B, d)."""
-        ...
-
-    def hessian(self, x: Tensor) -> Tensor:
-        """Its Hessian in x, shape (B, d, d)."""
-        ...
-
-    def rows(self, index: Tensor) -> Given:
-        """The same for some of the rows."""
-        ...
+START: dict[str, Any] = {"steps": 500, "batch_size": 256, "learning_rate": 1e-2}  #: of a PICNN
 
 
 class ConvexPotential(nn.Module):
-    """Psi(x; c), convex in x. Whoever writes `value` gets gradient and Hessian by autodiff.
+    """Psi(x; c), convex in x. A subclass writes `value`; gradient and Hessian come by autodiff.
 
     Args:
         dim: d, columns of x.
@@ -66,65 +42,29 @@ class ConvexPotential(nn.Module):
         self.condition_dim = check_count(condition_dim, "condition_dim", minimum=0)
 
     def value(self, x: Tensor, c: Tensor | None) -> Tensor:
-        """The formula: Psi(x; c) of shape (B,), convex in x; nothing needs to be checked here."""
+        """The formula: Psi(x; c) of shape (B,), convex in x."""
         raise NotImplementedError
 
     def forward(self, x: Tensor, c: Tensor | None = None) -> Tensor:
         """Psi(x; c) for x of shape (B, d) and c of shape (B, k), or None; shape (B,)."""
-        return self.given(self.check(x, c)).value(x)
+        return self.given(c).value(x)
 
     def gradient(self, x: Tensor, c: Tensor | None = None) -> Tensor:
         """The gradient in x, shape (B, d): the map. Its own graph leads to the parameters."""
-        return self.given(self.check(x, c)).gradient(x)
+        return self.given(c).gradient(x)
 
     def hessian(self, x: Tensor, c: Tensor | None = None) -> Tensor:
         """The Hessian in x, shape (B, d, d), symmetric and positive semi-definite."""
-        return self.given(self.check(x, c)).hessian(x)
+        return self.given(c).hessian(x)
 
     def given(self, c: Tensor | None) -> Given:
-        """The potential with its conditions put in."""
+        """A function of x alone: the potential with the conditions of its rows filled in."""
         return _ByAutodiff(self, c)
-
-    def check(self, x: Tensor, c: Tensor | None) -> Tensor | None:
-        """The condition as floating-point numbers like x, once both are as they should be.
-
-        Raises:
-            TypeError: x is not a floating-point tensor.
-            ValueError: shapes do not match, values are not finite, c is missing or too much, or c
-                is a leaf that asks for gradients.
-        """
-        x = check_matrix(x, "x")
-        numbers = next(itertools.chain(self.parameters(), self.buffers()), None)
-        if numbers is not None:
-            check_dtype(x, "x", numbers.dtype)
-        if x.shape[1] != self.dim:
-            hint = ""
-            if self.condition_dim and x.shape[1] == self.dim + self.condition_dim:
-                hint = "; it is convex in x only, so give c as an argument of its own"
-            raise ValueError(f"x must have shape (rows, {self.dim}), got {tuple(x.shape)}{hint}")
-        if c is None:
-            if self.condition_dim:
-                raise ValueError(f"this potential needs c of shape (rows, {self.condition_dim})")
-            return None
-        if not self.condition_dim:
-            raise ValueError("this potential has condition_dim=0, but got c; pass c=None")
-        c = check_condition(c)
-        check_same_rows(c, "c", x, "x")
-        if c.shape[1] != self.condition_dim:
-            raise ValueError(
-                f"c must have shape ({len(x)}, {self.condition_dim}), got {tuple(c.shape)}"
-            )
-        if c.requires_grad and c.is_leaf:
-            raise ValueError(
-                "c asks for gradients, but the potential is convex in x only: its gradient in c is "
-                "no transport map; pass c.detach() (the output of an encoder in training may ask)"
-            )
-        return c.to(x.dtype)
 
 
 @dataclass(frozen=True)
 class _ByAutodiff:
-    """Gradient and Hessian of any potential by automatic differentiation."""
+    """Value, gradient and Hessian of any potential by automatic differentiation."""
 
     potential: ConvexPotential
     c: Tensor | None
@@ -144,12 +84,11 @@ class _ByAutodiff:
             value: Tensor = self.potential.value(row[None], None if c is None else c[None])[0]
             return value
 
-        second = torch.func.hessian(one)
-        if self.c is None:
-            return torch.vmap(lambda row: second(row, None))(x)
-        return torch.vmap(second)(x, self.c)
+        in_dims = (0, None if self.c is None else 0)
+        return torch.vmap(torch.func.hessian(one), in_dims)(x, self.c)
 
     def rows(self, index: Tensor) -> _ByAutodiff:
+        """The same for some of the rows."""
         return replace(self, c=None if self.c is None else self.c[index])
 
 
@@ -217,17 +156,13 @@ class _Layers:
         return x @ self.Q if self.Q.ndim == 2 else (self.Q @ x[:, :, None])[:, :, 0]
 
     def rows(self, index: Tensor) -> _Layers:
-        if self.Q.ndim == 2:  # shared by all rows
+        if self.F is None:  # the weights are shared by all rows
             return self
-        assert self.F is not None
-        return replace(
-            self,
-            Q=self.Q[index],
-            b=self.b[index],
-            s=self.s[:, index],
-            w=self.w[index],
-            F=self.F[index],
-        )
+        of_rows = {n: getattr(self, n)[index] for n in ("Q", "b", "w", "F")}
+        return replace(self, s=self.s[:, index], **of_rows)
+
+
+Given: TypeAlias = _ByAutodiff | _Layers
 
 
 class _Body(nn.Module):
@@ -235,16 +170,16 @@ class _Body(nn.Module):
 
     def __init__(self, dim: int, width: int, depth: int) -> None:
         super().__init__()
-        self.L = nn.Parameter(torch.randn(depth, width, dim) * (2 / math.sqrt(dim)))
-        self.s = nn.Parameter(torch.randn(depth, width))
+        shape = check_count(depth, "depth"), check_count(width, "width")
+        self.L = nn.Parameter(torch.randn(*shape, dim) * (2 / math.sqrt(dim)))
+        self.s = nn.Parameter(torch.randn(shape))
         start = math.log(1 / width)  # softplus(r) is nearly exp(r) here: rows sum to about 1
         self.raw_W = nn.Parameter(torch.randn(depth - 1, width, width) + start - 0.5)
         self.raw_w = nn.Parameter(torch.full((width,), start + math.log(AT_THE_START)))
 
     def quadratic(self, root: Tensor, alpha: float) -> Tensor:
         """Q = root root^T + alpha I, positive definite."""
-        eye = torch.eye(root.shape[-1], dtype=root.dtype, device=root.device)
-        return root @ root.mT + alpha * eye
+        return root @ root.mT + alpha * torch.eye(root.shape[-1]).to(root)
 
 
 class ICNN(ConvexPotential):
@@ -273,7 +208,7 @@ class ICNN(ConvexPotential):
         super().__init__(dim)
         self.alpha = check_number(alpha, "alpha", minimum=SMALLEST_ALPHA)
         with seeded(seed):
-            self.body = _Body(dim, check_count(width, "width"), check_count(depth, "depth"))
+            self.body = _Body(dim, width, depth)
         self.root = nn.Parameter(torch.eye(dim))
         self.b = nn.Parameter(torch.zeros(dim))
 
@@ -293,32 +228,32 @@ class ICNN(ConvexPotential):
         )
 
     @torch.no_grad()
-    def start_at_gaussian(
-        self, x1: Tensor, c: Tensor | None = None, *, x0: Tensor | None = None
-    ) -> ICNN:
-        """Make the gradient the optimal map to a Gaussian with the mean and covariance of x1.
+    def start_at_gaussian(self, x1: Tensor, c: Tensor | None = None) -> ICNN:
+        """Make the gradient the optimal map from N(0, I) to a Gaussian like x1.
 
-        The network's part stays, small, and its mean gradient is taken off b.
+        The network's part stays, small, and its gradient at 0 is subtracted from b.
 
         Args:
             x1: (n, d) data, n above d.
             c: None.
-            x0: (m, d) noise; standard normal if None.
 
         Returns:
             The potential itself, changed.
         """
-        self.check(x1, c)
-        mean, covariance = _moments(x1, "x1")
-        mean0, covariance0 = torch.zeros_like(mean), torch.eye(self.dim, dtype=torch.float64)
-        if x0 is not None:
-            mean0, covariance0 = _moments(check_matrix(x0, "x0", columns=self.dim), "x0")
-        slope = torch.from_numpy(bures_map(covariance0.numpy(), covariance.numpy()))
+        check_inputs(self, x1, c, "x1")
+        if len(x1) <= self.dim:
+            raise ValueError(
+                f"x1 has {len(x1)} rows: a covariance in {self.dim} dimensions needs more"
+            )
+        x = x1.detach().to("cpu", torch.float64)
+        covariance = np.atleast_2d(np.cov(x.numpy(), rowvar=False))
+        floor = 1e-8 * max(covariance.diagonal().mean(), 1e-8)
+        eye = np.eye(self.dim)
+        slope = torch.from_numpy(bures_map(eye, covariance + floor * eye))
         values, vectors = torch.linalg.eigh(slope)
         self.root.copy_(vectors * (values - self.alpha).clamp_min(0).sqrt())
         self.b.zero_()
-        middle = mean0.to(self.b)[None]
-        self.b.copy_(mean.to(self.b) - self.gradient(middle)[0])
+        self.b.copy_(x.mean(dim=0).to(self.b) - self.gradient(torch.zeros_like(self.b)[None])[0])
         return self
 
 
@@ -351,8 +286,7 @@ class PICNN(ConvexPotential):
     ) -> None:
         super().__init__(dim, check_count(condition_dim, "condition_dim"))
         self.alpha = check_number(alpha, "alpha", minimum=SMALLEST_ALPHA)
-        self.width, self.depth = check_count(width, "width"), check_count(depth, "depth")
-        n = check_count(condition_width, "condition_width")
+        self.width, self.depth, n = width, depth, condition_width
         with seeded(seed):
             self.body = _Body(dim, width, depth)
             self.gaussian = _condition_network(condition_dim, n, dim + dim * dim)
@@ -363,13 +297,13 @@ class PICNN(ConvexPotential):
         """Psi(x; c), shape (B,)."""
         return self.given(c).value(x)
 
-    def given(self, c: Tensor | None) -> _Layers:
-        """The network with the conditions of its rows put in."""
-        assert c is not None
+    def given(self, c: Any) -> _Layers:
+        """The network with the conditions of its rows filled in."""
+        c = c.to(self.root.dtype)
         B, d = len(c), self.dim
         Q, b = self._quadratic(c)
         shifts, gates, frame = self.shape(c).split([self.depth * self.width, self.width, d * d], 1)
-        eye = torch.eye(d, dtype=c.dtype, device=c.device)
+        eye = torch.eye(d).to(c)
         return _Layers(
             Q=Q,
             b=b,
@@ -386,58 +320,49 @@ class PICNN(ConvexPotential):
         root = self.root + root.reshape(len(c), self.dim, self.dim)
         return self.body.quadratic(root, self.alpha), b
 
-    def start_at_gaussian(
-        self,
-        x1: Tensor,
-        c: Tensor | None = None,
-        *,
-        x0: Tensor | None = None,
-        steps: int = 500,
-        batch_size: int = 256,
-        learning_rate: float = 1e-2,
-        seed: int = 0,
-    ) -> PICNN:
+    def start_at_gaussian(self, x1: Tensor, c: Tensor) -> PICNN:
         """Make the gradient nearly the optimal map to N(m(c), S(c)), learned from pairs (x1, c).
 
         For quadratic potentials the dual of optimal transport needs no inversion: the minimum of
         E [ <x0, Q x0>/2 + <b, x0> + <x1 - b, Q^{-1} (x1 - b)>/2 ] is b = m(c) and Q = S(c)^{1/2}
-        for standard normal x0 that is independent of c. A few hundred steps of Adam find it.
+        for standard normal x0 that is independent of c. `fit` finds it in a few hundred steps.
 
         Args:
             x1: (n, d) data.
             c: (n, k) its conditions.
-            x0: (n, d) noise that goes with them; standard normal if None.
-            steps: gradient steps.
-            batch_size: rows of each.
-            learning_rate: of the first step; it falls to 0.
-            seed: of the noise and the batches.
 
         Returns:
             The potential itself, changed.
         """
-        c = self.check(x1, c)
-        assert c is not None
-        if x0 is not None:
-            check_same_rows(check_matrix(x0, "x0", columns=self.dim), "x0", x1, "x1")
-        generator = torch.Generator().manual_seed(check_count(seed, "seed", minimum=0))
-        parameters = [*self.gaussian.parameters(), self.root]
-        optimizer = torch.optim.Adam(parameters, lr=learning_rate, fused=True)
-        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
-            optimizer, check_count(steps, "steps")
+        check_inputs(self, x1, c, "x1")
+        data = Dataset(x1, c.to(x1.dtype))
+        trained = fit(
+            self, data, _FreshRows(), loss=_gaussian_dual, ema=0.0, progress=False, **START
         )
-        for _ in range(steps):
-            rows = torch.randint(len(x1), (batch_size,), generator=generator)
-            noise = torch.randn(batch_size, self.dim, dtype=x1.dtype, generator=generator)
-            noise = noise if x0 is None else x0[rows].to(x1)
-            Q, b = self._quadratic(c[rows])
-            off = (x1[rows] - b)[:, :, None]
-            conjugate = (off.mT @ torch.linalg.solve(Q, off)).sum() / 2
-            forward = ((noise[:, None] @ Q).sum(dim=1) * noise).sum() / 2 + (b * noise).sum()
-            optimizer.zero_grad(set_to_none=True)
-            ((conjugate + forward) / batch_size).backward()
-            optimizer.step()
-            schedule.step()
+        self.load_state_dict(trained.network.state_dict())
         return self
+
+
+def _gaussian_dual(network: Any, pairs: Pairs, generator: torch.Generator) -> Tensor:
+    Q, b = network._quadratic(pairs.c)
+    off = (pairs.x1 - b)[:, :, None]
+    conjugate = (off.mT @ torch.linalg.solve(Q, off))[:, 0, 0] / 2
+    x0 = pairs.x0
+    return ((x0[:, None] @ Q)[:, 0] * x0).sum(dim=1) / 2 + (b * x0).sum(dim=1) + conjugate
+
+
+class _FreshRows(Coupling):
+    """Independent pairs, all drawn one after the other from a single generator."""
+
+    solves = False
+
+    def __init__(self) -> None:
+        self._rng = torch.Generator().manual_seed(0)
+
+    def solve(self, data: Any, n: int, source: Any, generator: torch.Generator) -> Pairs:
+        x1, c = data.sample(n, self._rng)
+        index = torch.arange(n)
+        return Pairs(draw_noise(x1, None, self._rng), x1, c, index, index)
 
 
 def _softplus(a: Tensor) -> Tensor:
@@ -451,22 +376,5 @@ def _condition_network(inputs: int, width: int, outputs: int) -> nn.Sequential:
     with torch.no_grad():
         last.weight.mul_(0.1)
         last.bias.zero_()
-    hidden: list[nn.Module] = [
-        nn.Linear(inputs, width),
-        nn.SiLU(),
-        nn.Linear(width, width),
-        nn.SiLU(),
-    ]
-    return nn.Sequential(*hidden, last)
-
-
-def _moments(x: Tensor, name: str) -> tuple[Tensor, Tensor]:
-    """Mean and covariance in float64."""
-    if len(x) <= x.shape[1]:
-        raise ValueError(
-            f"{name} has {len(x)} rows: a covariance in {x.shape[1]} dimensions needs more"
-        )
-    x = x.detach().to("cpu", torch.float64)
-    covariance = torch.from_numpy(np.atleast_2d(np.cov(x.numpy(), rowvar=False)))
-    floor = 1e-8 * covariance.diagonal().mean().clamp_min(1e-8)
-    return x.mean(dim=0), covariance + floor * torch.eye(x.shape[1], dtype=x.dtype)
+    first, second = nn.Linear(inputs, width), nn.Linear(width, width)
+    return nn.Sequential(first, nn.SiLU(), second, nn.SiLU(), last)

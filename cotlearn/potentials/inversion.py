@@ -10,18 +10,12 @@ import torch
 from torch import Tensor
 
 from cotlearn.potentials.convex import ConvexPotential, Given
-from cotlearn.validation import (
-    check_choice,
-    check_count,
-    check_matrix,
-    check_number,
-    check_same_rows,
-)
+from cotlearn.validation import check_inputs, check_times
 
-METHODS = ("auto", "newton", "cg")
 EXPLICIT = 40  #: up to this many dimensions whole Hessians are cheaper than conjugate gradients
 TOLERANCE = {torch.float64: 1e-10}  #: of |residual| / (1 + |y|); 1e-4 in other dtypes
 SHORTEST = 1e-6  #: part of a Newton step that is tried
+MOST = 200  #: evaluations of the gradient
 
 
 class InversionWarning(RuntimeWarning):
@@ -45,70 +39,40 @@ class Inversion:
     evaluations: int
 
 
-@torch.no_grad()
 def invert(
-    potential: ConvexPotential,
-    y: Tensor,
-    t: Tensor | float = 1.0,
-    c: Tensor | None = None,
-    *,
-    start: Tensor | None = None,
-    tolerance: float | None = None,
-    max_evaluations: int = 200,
-    method: str = "auto",
+    potential: ConvexPotential, y: Tensor, t: Tensor | float = 1.0, c: Tensor | None = None
 ) -> Inversion:
     """The minimum of Phi_t(z) - <y, z> with Phi_t(z) = (1 - t)/2 |z|^2 + t Psi(z; c), row by row.
 
     Newton's method on the gradient. A step is halved until it ends where the function still falls
     (so that it is lower, by convexity) or where the residual is less than half. With t = 1 this
-    inverts the map grad Psi, and z is the gradient of the conjugate Psi^* at y.
+    inverts the map grad Psi, and z is the gradient of the conjugate Psi^* at y. Up to 40 dimensions
+    the step is solved with whole Hessians, above by conjugate gradients.
 
     Args:
         potential: convex in x.
         y: (B, d).
         t: a number or shape (B,), in [0, 1].
         c: (B, k), or None.
-        start: (B, d), where to begin; 0 if None.
-        tolerance: of |residual| / (1 + |y|); 1e-10 in float64, else 1e-4, if None.
-        max_evaluations: the solver gives up after so many, with a warning.
-        method: "newton" solves with whole Hessians, "cg" by conjugate gradients with
-            Hessian-vector products; "auto" takes the first up to d = 40.
 
     Raises:
-        ValueError: t outside [0, 1], shapes or conditions off, or a limit out of range.
+        ValueError: t outside [0, 1], or shapes or conditions that do not fit the potential.
         RuntimeError: the potential's gradient or Hessian is not finite.
 
     Warns:
         InversionWarning: how many rows did not converge.
     """
-    c = potential.check(y, c)
-    time = check_times(t, y)
-    z = torch.zeros_like(y)
-    if start is not None:
-        check_same_rows(check_matrix(start, "start", columns=y.shape[1]), "start", y, "y")
-        z = start.detach().to(y.dtype).clone()
-    limit = TOLERANCE.get(y.dtype, 1e-4) if tolerance is None else _above_zero(tolerance)
-    limits = limit * (1 + y.norm(dim=1))
-    check_count(max_evaluations, "max_evaluations")
-    check_choice(method, "method", METHODS)
-    explicit = method == "newton" or (method == "auto" and is_small(y))
-    given = potential.given(c)
-    residual, evaluations = _solve(given, z, y.detach(), time, limits, max_evaluations, explicit)
-    converged = residual <= limits
-    if not converged.all():
-        _warn(residual, converged, evaluations, limit)
-    return Inversion(z, residual, converged, evaluations)
+    c = check_inputs(potential, y, c, "y")
+    with torch.no_grad():
+        return solve(potential.given(c), y.detach(), check_times(t, y))
 
 
-def is_small(x: Tensor) -> bool:
-    """Whether whole Hessians are cheaper than conjugate gradients."""
-    return x.shape[1] <= EXPLICIT
-
-
-def _solve(
-    given: Given, z: Tensor, y: Tensor, t: Tensor, limits: Tensor, most: int, explicit: bool
-) -> tuple[Tensor, int]:
-    """Change z in place; the residual of each row, and the number of evaluations."""
+@torch.no_grad()
+def solve(given: Given, y: Tensor, t: Tensor, start: Tensor | None = None) -> Inversion:
+    """`invert` for checked arguments, from z = `start`, (B, d); from 0 if None."""
+    z = torch.zeros_like(y) if start is None else start.clone()
+    tolerance = TOLERANCE.get(y.dtype, 1e-4)
+    limits = tolerance * (1 + y.norm(dim=1))
     g = _slope(given, z, t) - y
     residual = g.norm(dim=1)
     _check_finite(residual, "gradient")
@@ -116,10 +80,10 @@ def _solve(
     active = (residual > limits).nonzero()[:, 0]  # rows that are not done
     fresh = active  # those of them that need a new direction
     evaluations = 1
-    while len(active) and evaluations < most:
+    while len(active) and evaluations < MOST:
         if len(fresh):
             rows, accuracy = given.rows(fresh), residual[fresh].sqrt().clamp(max=0.1)
-            p[fresh] = solve_curvature(rows, z[fresh], -g[fresh], t[fresh], explicit, accuracy)
+            p[fresh] = solve_curvature(rows, z[fresh], -g[fresh], t[fresh], accuracy)
         trial = z[active] + length[active, None] * p[active]
         slope = _slope(given.rows(active), trial, t[active]) - y[active]
         evaluations += 1
@@ -132,17 +96,21 @@ def _solve(
         length[active[~better]] /= 2
         going = (residual > limits) & (length > SHORTEST)
         active, fresh = going.nonzero()[:, 0], fresh[going[fresh]]
-    return residual, evaluations
+    converged = residual <= limits
+    if not converged.all():
+        warnings.warn(
+            f"{int((~converged).sum())} of {len(y)} rows did not converge in {evaluations} "
+            f"evaluations (largest residual {float(residual.max()):.2g}, tolerance "
+            f"{tolerance:.1g} (1 + |y|)): use float64, or check that the map reaches these points",
+            InversionWarning,
+            stacklevel=4,
+        )
+    return Inversion(z, residual, converged, evaluations)
 
 
 @torch.no_grad()
 def solve_curvature(
-    given: Given,
-    z: Tensor,
-    right: Tensor,
-    t: Tensor,
-    explicit: bool,
-    accuracy: Tensor | float = 1e-4,
+    given: Given, z: Tensor, right: Tensor, t: Tensor, accuracy: Tensor | float = 1e-4
 ) -> Tensor:
     """The solution p of (t H(z) + (1 - t) I) p = right, H the Hessian of the potential.
 
@@ -151,10 +119,9 @@ def solve_curvature(
         z: (B, d).
         right: (B, d).
         t: (B,).
-        explicit: whole Hessians, or conjugate gradients with Hessian-vector products.
-        accuracy: of conjugate gradients, relative to |right|.
+        accuracy: of conjugate gradients, relative to |right|; they are used above 40 dimensions.
     """
-    if explicit:
+    if z.shape[1] <= EXPLICIT:
         A = t[:, None, None] * given.hessian(z)
         A.diagonal(dim1=1, dim2=2).add_((1 - t)[:, None])
         _check_finite(A.sum(dim=(1, 2)), "Hessian")
@@ -197,22 +164,6 @@ def _conjugate_gradients(
     return p
 
 
-def check_times(t: Tensor | float, x: Tensor) -> Tensor:
-    """Times of shape (B,) like x.
-
-    Raises:
-        ValueError: t is neither a number nor of shape (B,), or not in [0, 1].
-    """
-    if not isinstance(x, Tensor) or not x.is_floating_point() or not x.ndim:
-        raise TypeError(f"x must be a floating-point tensor of shape (rows, columns), got {x!r}")
-    time = torch.as_tensor(t, dtype=x.dtype, device=x.device).detach()
-    if time.ndim > 1 or (time.ndim == 1 and len(time) != len(x)):
-        raise ValueError(f"t must be a number or have shape ({len(x)},), got {tuple(time.shape)}")
-    if not ((time >= 0) & (time <= 1)).all():
-        raise ValueError(f"t must lie in [0, 1], got values from {time.min()} to {time.max()}")
-    return time.expand(len(x))
-
-
 def _slope(given: Given, z: Tensor, t: Tensor) -> Tensor:
     """The gradient of Phi_t."""
     t = t[:, None]
@@ -226,20 +177,3 @@ def _check_finite(size: Tensor, what: str) -> None:
             f"the potential's {what} is not finite in {bad} of {len(size)} rows: its parameters "
             "may have diverged (lower learning_rate), or it is not convex"
         )
-
-
-def _warn(residual: Tensor, converged: Tensor, evaluations: int, limit: float) -> None:
-    failed = ~converged
-    warnings.warn(
-        f"{int(failed.sum())} of {len(failed)} rows did not converge in {evaluations} evaluations "
-        f"(largest residual {float(residual[failed].max()):.2g}, tolerance {limit:.1g} (1 + |y|)): "
-        "raise max_evaluations or tolerance, or use float64",
-        InversionWarning,
-        stacklevel=4,
-    )
-
-
-def _above_zero(tolerance: float) -> float:
-    if check_number(tolerance, "tolerance") == 0:
-        raise ValueError("tolerance must be above 0, got 0")
-    return float(tolerance)

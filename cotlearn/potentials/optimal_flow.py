@@ -11,12 +11,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Pairs, Source
-from cotlearn.flows.matching import interpolate
-from cotlearn.flows.solvers import ConditionalSampler
-from cotlearn.potentials.convex import ConvexPotential
-from cotlearn.potentials.inversion import check_times, invert, is_small, solve_curvature
-from cotlearn.validation import check_condition, check_same_rows
+from cotlearn.couplings.base import Pairs
+from cotlearn.flows.matching import interpolate, uniform_times
+from cotlearn.potentials.convex import ConvexPotential, Given
+from cotlearn.potentials.inversion import solve, solve_curvature
+from cotlearn.validation import check_inputs, check_same_rows, check_times
 
 LINES = 512  #: that an inversion may start from
 
@@ -42,30 +41,24 @@ def optimal_flow_matching_loss(
         (B,), the squared error of each row.
 
     Raises:
-        ValueError: the pairs do not fit the potential.
         RuntimeError: the potential is no longer finite.
 
     Warns:
         InversionWarning: rows whose z0 did not converge; they are used as they are.
     """
-    t = torch.rand(len(pairs), generator=generator, dtype=pairs.x0.dtype).to(pairs.x0.device)
-    return optimal_flow_matching_loss_at(potential, pairs, t)
+    return optimal_flow_matching_loss_at(potential, pairs, uniform_times(pairs, generator))
 
 
 def optimal_flow_matching_loss_at(
     potential: ConvexPotential, pairs: Pairs, t: Tensor | float
 ) -> Tensor:
     """`optimal_flow_matching_loss` at given times: a number or shape (B,), in [0, 1]."""
-    x0, x1 = pairs.x0, pairs.x1
-    c = potential.check(x0, pairs.c)
-    potential.check(x1, c)
-    t = check_times(t, x0)
-    x_t = interpolate(x0, x1, t)
-    z0 = invert(potential, x_t, t, c, start=_near(potential, x0, x_t, t)).z
-    given = potential.given(c)
+    x0, x1, t = pairs.x0, pairs.x1, check_times(t, pairs.x0)
+    x_t, given = interpolate(x0, x1, t), potential.given(pairs.c)
+    z0 = solve(given, x_t, t, _near(given, pairs, x_t, t)).z
     slope = given.gradient(z0)
     error = (slope - z0 - (x1 - x0)).detach()  # = (x0 - z0)/t
-    weight = 2 * solve_curvature(given, z0, error, t, is_small(x0))
+    weight = 2 * solve_curvature(given, z0, error, t)
     proxy = (weight * slope).sum(dim=1)
     return error.square().sum(dim=1) + proxy - proxy.detach()
 
@@ -88,11 +81,9 @@ def dual_loss(
     Returns:
         (B,), at least 0 (up to the tolerance of the inversion).
     """
-    x0, x1 = pairs.x0, pairs.x1
-    c = potential.check(x0, pairs.c)
-    potential.check(x1, c)
-    z = invert(potential, x1, 1.0, c, start=_near(potential, x0, x1, torch.ones_like(x1[:, 0]))).z
-    given = potential.given(c)
+    x0, x1, given = pairs.x0, pairs.x1, potential.given(pairs.c)
+    one = torch.ones_like(x1[:, 0])
+    z = solve(given, x1, one, _near(given, pairs, x1, one)).z
     conjugate = (x1 * z).sum(dim=1) - given.value(z)
     return 2 * (given.value(x0) + conjugate - (x0 * x1).sum(dim=1))
 
@@ -111,24 +102,24 @@ def dual_objective(
     Returns:
         (B,), differentiable in the parameters.
     """
-    c = potential.check(x0, c)
-    potential.check(x1, c)
+    c = check_inputs(potential, x0, c, "x0")
+    check_inputs(potential, x1, c, "x1")
     check_same_rows(x1, "x1", x0, "x0")
-    z = invert(potential, x1, 1.0, c).z
     given = potential.given(c)
+    z = solve(given, x1, torch.ones_like(x1[:, 0])).z
     return given.value(x0) + (x1 * z).sum(dim=1) - given.value(z)
 
 
 @torch.no_grad()
-def _near(potential: ConvexPotential, x0: Tensor, y: Tensor, t: Tensor) -> Tensor | None:
+def _near(given: Given, pairs: Pairs, y: Tensor, t: Tensor) -> Tensor | None:
     """For each y the start of the nearest of the lines from x0, which halves the inversion's work.
 
     With conditions every row has a map of its own, and this would take B^2 evaluations.
     """
-    if potential.condition_dim:
+    if pairs.c is not None:
         return None
-    x0 = x0[:LINES]
-    x1, t = potential.gradient(x0), t[:, None]
+    x0 = pairs.x0[:LINES]
+    x1, t = given.gradient(x0), t[:, None]
     middles = (1 - t) ** 2 * x0.square().sum(dim=1) + t**2 * x1.square().sum(dim=1)
     middles = middles + 2 * t * (1 - t) * (x0 * x1).sum(dim=1)
     return x0[(middles - 2 * ((1 - t) * (y @ x0.T) + t * (y @ x1.T))).argmin(dim=1)]
@@ -137,16 +128,7 @@ def _near(potential: ConvexPotential, x0: Tensor, y: Tensor, t: Tensor) -> Tenso
 @torch.no_grad()
 def transport(potential: ConvexPotential, x0: Tensor, c: Tensor | None = None) -> Tensor:
     """Samples by one evaluation: x1 = grad Psi(x0; c), shape (B, d)."""
-    return potential.gradient(x0, c)
-
-
-def inverse_transport(potential: ConvexPotential, x1: Tensor, c: Tensor | None = None) -> Tensor:
-    """The noise that `transport` takes to x1: the solution of grad Psi(x0; c) = x1.
-
-    Warns:
-        InversionWarning: rows that did not converge.
-    """
-    return invert(potential, x1, 1.0, c).z
+    return potential.gradient(x0, check_inputs(potential, x0, c, "x0"))
 
 
 class OptimalField:
@@ -160,7 +142,7 @@ class OptimalField:
 
     def __init__(self, potential: ConvexPotential) -> None:
         self.potential = potential
-        self.dim = potential.dim
+        self.dim, self.condition_dim = potential.dim, potential.condition_dim
 
     def __call__(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
         """The velocity at x of shape (B, d) and t, a number or of shape (B,), in [0, 1]."""
@@ -179,26 +161,6 @@ def straight_line(
         x: (B, d).
         c: (B, k), or None.
     """
-    c = potential.check(x, c)
-    time = check_times(t, x)
-    z0 = x if not time.any() else invert(potential, x, time, c).z
-    return z0, potential.given(c).gradient(z0) - z0
-
-
-def map_sampler(potential: ConvexPotential, *, source: Source | None = None) -> ConditionalSampler:
-    """A function (c, generator) -> samples: fresh noise for each row of c, then `transport`.
-
-    Args:
-        potential: Psi.
-        source: draws the noise; standard normal if None.
-    """
-
-    def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
-        check_condition(c)
-        if source is not None:
-            noise = source(len(c), generator=generator)
-        else:
-            noise = torch.randn(len(c), potential.dim, generator=generator)
-        return transport(potential, noise.to(c.device), c if potential.condition_dim else None)
-
-    return sample
+    time, given = check_times(t, x), potential.given(c)
+    z0 = solve(given, x, time).z if time.any() else x
+    return z0, given.gradient(z0) - z0

@@ -4,56 +4,43 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from cotlearn.couplings.base import squared_distances
-from cotlearn.potentials.convex import SMALLEST_ALPHA, ConvexPotential
-from cotlearn.validation import check_count, check_matrix, check_number, check_same_rows
+from cotlearn.mixtures import spread_conditions, uniform_conditions
+from cotlearn.potentials.convex import ConvexPotential
+from cotlearn.validation import check_count, check_matrix, check_same_rows
 
-RADIUS, WIDE, NARROW = 3.0, 1.0, 0.3
+RADIUS, WIDE, NARROW = 3.0, 1.0, 0.3  #: of `ConditionalGaussian`
+PIECES, SPREAD = 8, 2.0  #: of `LogSumExp`
 
 
 class LogSumExp(ConvexPotential):
     """Psi(x) = alpha/2 |x|^2 + temperature log sum_i exp((<a_i, x> + b_i)/temperature), random.
 
-    Its gradient is a transport map that is known exactly: a ground truth in any dimension.
+    Its gradient is a transport map that is known exactly: a ground truth in any dimension. Eight
+    pieces a_i ~ N(0, 8/d I) and b_i ~ N(0, 4); the map moves about 4 from one to the next in any
+    dimension, and the more suddenly the lower `temperature`.
 
     Args:
         dim: d, columns of x.
-        pieces: number of affine pieces, a_i ~ N(0, 2/d spread^2 I) and b_i ~ N(0, spread^2).
-        spread: of the pieces; the map moves about twice this far from one to the next in any
-            dimension, and the more suddenly the colder.
-        temperature: above 0.
-        alpha: at least 0.01.
         seed: of the pieces.
     """
 
     a: Tensor
     b: Tensor
+    alpha, temperature = 0.5, 1.0
 
-    def __init__(
-        self,
-        dim: int,
-        *,
-        pieces: int = 8,
-        spread: float = 2.0,
-        temperature: float = 1.0,
-        alpha: float = 0.5,
-        seed: int = 0,
-    ) -> None:
+    def __init__(self, dim: int, *, seed: int = 0) -> None:
         super().__init__(dim)
-        self.alpha = check_number(alpha, "alpha", minimum=SMALLEST_ALPHA)
-        self.temperature = check_number(temperature, "temperature")
-        if self.temperature == 0:
-            raise ValueError("temperature must be above 0, got 0")
         generator = torch.Generator().manual_seed(check_count(seed, "seed", minimum=0))
-        shape = (check_count(pieces, "pieces"), dim)
-        a = torch.randn(shape, generator=generator) * math.sqrt(2 / dim)
-        self.register_buffer("a", check_number(spread, "spread") * a)
-        self.register_buffer("b", spread * torch.randn(pieces, generator=generator))
+        a = torch.randn(PIECES, dim, generator=generator) * math.sqrt(2 / dim)
+        self.register_buffer("a", SPREAD * a)
+        self.register_buffer("b", SPREAD * torch.randn(PIECES, generator=generator))
 
     def value(self, x: Tensor, c: Tensor | None) -> Tensor:
         """Psi(x), shape (B,)."""
@@ -62,6 +49,7 @@ class LogSumExp(ConvexPotential):
         return self.alpha / 2 * x.square().sum(dim=1) + T * pieces
 
 
+@dataclass
 class KnownMap:
     """Data x1 = T(x0), x0 ~ N(0, I), where T is the gradient of a convex function.
 
@@ -71,12 +59,10 @@ class KnownMap:
         name: how to call it.
     """
 
+    true_map: Callable[[Tensor], Tensor]
+    dim: int
+    name: str = "known_map"
     condition_dim = 0
-
-    def __init__(
-        self, true_map: Callable[[Tensor], Tensor], dim: int, *, name: str = "known_map"
-    ) -> None:
-        self.true_map, self.dim, self.name = true_map, check_count(dim, "dim"), name
 
     @classmethod
     def gaussian(cls, dim: int, *, seed: int = 0) -> KnownMap:
@@ -119,7 +105,6 @@ class ConditionalGaussian:
 
     def moments(self, c: Tensor) -> tuple[Tensor, Tensor]:
         """m(c) of shape (n, d) and S(c)^{1/2} of shape (n, d, d)."""
-        c = check_matrix(c, "c", columns=1)
         pairs = self.dim // 2
         angle = math.pi / 2 * c + math.pi * torch.arange(pairs) / max(pairs, 1)  # (n, pairs)
         outward = torch.stack([angle.cos(), angle.sin()], dim=2)
@@ -135,8 +120,8 @@ class ConditionalGaussian:
 
     def transport(self, x0: Tensor, c: Tensor) -> Tensor:
         """T_c(x0), shape (n, d)."""
+        mean, root = self.moments(check_matrix(c, "c", columns=1))
         check_same_rows(check_matrix(x0, "x0", columns=self.dim), "x0", c, "c")
-        mean, root = self.moments(c)
         return mean.to(x0) + (root.to(x0) @ x0[:, :, None])[:, :, 0]
 
     def variance(self) -> float:
@@ -145,12 +130,12 @@ class ConditionalGaussian:
 
     def sample_conditions(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Draw n conditions, shape (n, 1)."""
-        return 2 * torch.rand(check_count(n, "n"), 1, generator=generator) - 1
+        return uniform_conditions(check_count(n, "n"), generator)
 
     def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw one x1 for each row of c, shape (n, d)."""
-        check_matrix(c, "c", columns=1)
-        return self.transport(torch.randn(len(c), self.dim, generator=generator), c)
+        x0 = torch.randn(*c.shape[:1], self.dim, generator=generator)
+        return self.transport(x0, c)
 
     def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
         """Draw n pairs (x1, c) of shapes (n, d) and (n, 1)."""
@@ -159,7 +144,7 @@ class ConditionalGaussian:
 
     def conditions(self, n: int = 9) -> Tensor:
         """n conditions spread over [-1, 1], shape (n, 1)."""
-        return ((torch.arange(check_count(n, "n")) + 0.5) / n * 2 - 1)[:, None]
+        return spread_conditions(check_count(n, "n"))
 
 
 def eight_gaussians_map(n: int = 1024, *, seed: int = 0) -> tuple[Tensor, Tensor]:

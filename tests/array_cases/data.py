@@ -13,8 +13,8 @@ LINEAR = gaussian.LinearGaussian.example()
 SPD = np.array([[2.0, 0.5], [0.5, 1.0]])
 
 
-add("mixtures.Dataset", datasets.Dataset, x1=X1, c=C)
-add("mixtures.Dataset.sample_given", lambda c: DATA.sample_given(c, generator=g()), c=C)
+add("datasets.Dataset", datasets.Dataset, x1=X1, c=C)
+add("datasets.Dataset.sample_given", lambda c: DATA.sample_given(c, generator=g()), c=C)
 for _name in ("petals", "moving_modes", "rotating_pair", "eight_gaussians", "moons", "fork"):
     _data = getattr(mixtures, _name)()
     _c = _data.sample_conditions(N, generator=g())

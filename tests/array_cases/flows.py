@@ -5,18 +5,10 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from array_cases.base import NETWORK, PAIRS, PETALS, X0, X1, C, D, K, N, add, g, pairs, rows
+from array_cases.base import NETWORK, PETALS, X0, X1, C, D, N, add, g
 from cotlearn import flows, metrics
-from cotlearn.flows import diffusion, networks
+from cotlearn.flows import diffusion
 
-add(
-    "flows.interpolate",
-    flows.interpolate,
-    bare=("x0", "x1", "t"),
-    x0=X0,
-    x1=X1,
-    t=torch.linspace(0, 1, N),
-)
 add("flows.integrate", lambda x0, c: flows.integrate(NETWORK, x0, c, nfe=2), x0=X0, c=C)
 add(
     "flows.integrate, dopri5",
@@ -25,55 +17,6 @@ add(
     c=C,
 )
 add("flows.sampler", lambda c: flows.sampler(NETWORK, nfe=1)(c, generator=g()), c=C)
-_nets = {
-    "VelocityMLP": NETWORK,
-    "networks.ResidualMLP": networks.ResidualMLP(D, K, width=8, blocks=1, context=4, seed=0),
-    "networks.TemporalUNet": networks.TemporalUNet(4, 2, K, widths=(8, 16), context=8, seed=0),
-}
-for _name, _net in _nets.items():
-    add(
-        f"flows.{_name}.forward",
-        _net,
-        bare=("t", "x", "c"),
-        t=torch.linspace(0, 1, N),
-        x=rows(N, 8) if "UNet" in _name else X0,
-        c=C,
-    )
-add(
-    "flows.Guided.__call__",
-    flows.Guided(NETWORK, 2.0),
-    bare=("t", "x", "c"),
-    t=torch.linspace(0, 1, N),
-    x=X0,
-    c=C,
-)
-add(
-    "flows.networks.ImageEncoder.forward",
-    networks.ImageEncoder(3, filters=(8, 8), seed=0),
-    bare=("images",),
-    images=torch.rand(2, 3, 8, 8, generator=g()),
-)
-_losses = {
-    "flows.conditional_flow_matching_loss": flows.conditional_flow_matching_loss,
-    "flows.EarlyFlowMatching.__call__": flows.EarlyFlowMatching(0.3),
-    "flows.LabelDropout.__call__": flows.LabelDropout(0.5),
-    "flows.diffusion.regression_loss": diffusion.regression_loss,
-    "flows.diffusion.Diffusion.loss": diffusion.Diffusion(4).loss,
-}
-for _name, _loss in _losses.items():
-    add(
-        _name,
-        lambda x0, x1, c, f=_loss: f(NETWORK, pairs(x0, x1, c), g()),
-        bare=("x0", "x1", "c"),
-        **PAIRS,
-    )
-add(
-    "flows.diffusion.predict",
-    lambda x, c: diffusion.predict(NETWORK, x, c),
-    bare=("x", "c"),
-    x=X0,
-    c=C,
-)
 add(
     "flows.diffusion.Diffusion.ddim",
     lambda x, c: diffusion.Diffusion(4).ddim(NETWORK, x, c, nfe=2),

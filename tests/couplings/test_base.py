@@ -22,8 +22,8 @@ from cotlearn.couplings import (
     Transformed,
 )
 from cotlearn.couplings.base import Match, draw_noise, generator_for, squared_distances, to_numpy
-from cotlearn.datasets import Dataset
-from cotlearn.mixtures import petals, unconditional
+from cotlearn.datasets import Dataset, unconditional
+from cotlearn.mixtures import petals
 
 
 def zero_network(coupling):

@@ -2,7 +2,13 @@ import pytest
 import torch
 
 from cotlearn.couplings import Pairs
-from cotlearn.flows import EarlyFlowMatching, conditional_flow_matching_loss, interpolate
+from cotlearn.flows import (
+    OversampleT0,
+    VelocityMLP,
+    conditional_flow_matching_loss,
+    flow_matching_step,
+    interpolate,
+)
 from cotlearn.flows.matching import weighted_mean
 from cotlearn.mixtures import petals
 
@@ -73,23 +79,37 @@ def test_the_mean_takes_weights():
     assert weighted_mean(losses, pairs(weight=weight)) == pytest.approx(14 / 6)
 
 
+def test_a_step_is_the_mean_loss():
+    network, batch = VelocityMLP(2, 4, width=8, depth=1, seed=0), pairs(50)
+    loss = flow_matching_step(network, batch, seeded(3))
+    assert loss == conditional_flow_matching_loss(network, batch, seeded(3)).mean()
+    loss.backward()
+    assert all(p.grad is not None for p in network.parameters())
+
+
+@pytest.mark.parametrize("t", [torch.zeros(5), torch.zeros(6, 1), torch.zeros(())])
+def test_times_that_would_broadcast_are_refused(t):
+    with pytest.raises(ValueError, match=r"t \(rows,\): got"):
+        interpolate(torch.zeros(6, 2), torch.zeros(6, 2), t)
+
+
 @pytest.mark.parametrize("shape", [(), (1,), (6, 1), (5,)])
 def test_a_loss_of_another_shape_is_refused(shape):
     with pytest.raises(ValueError, match=r"loss must return one value per row, shape \(6,\)"):
         weighted_mean(torch.zeros(shape), pairs())
 
 
-def test_early_flow_matching_trains_a_share_of_the_rows_at_the_start():
+def test_oversampling_trains_a_share_of_the_rows_at_t_0():
     batch, seen = pairs(n=4000), []
 
     def network(t, x, c):
         seen.append(t)
         return torch.zeros_like(x)
 
-    losses = EarlyFlowMatching(0.3)(network, batch, seeded(0))
+    losses = OversampleT0(0.3)(network, batch, seeded(0))
     assert torch.allclose(losses, (batch.x1 - batch.x0).square().sum(dim=1))
     assert float((seen[0] == 0).float().mean()) == pytest.approx(0.3, abs=0.04)
     rest = seen[0][seen[0] > 0]
     assert float(rest.mean()) == pytest.approx(0.5, abs=0.03)
-    with pytest.raises(ValueError, match=r"share must lie in \[0, 1\], got 1.5"):
-        EarlyFlowMatching(1.5)
+    with pytest.raises(ValueError, match=r"share_at_t0 must lie in \[0, 1\], got 1.5"):
+        OversampleT0(1.5)

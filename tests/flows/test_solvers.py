@@ -10,6 +10,7 @@ from cotlearn.gaussian import LinearGaussian
 from cotlearn.metrics import squared_w2
 from cotlearn.mixtures import petals
 
+NETWORK = VelocityMLP(2, 4, width=8, depth=1).double()
 FIXED = {"euler": (1, 1), "midpoint": (2, 2), "heun": (2, 2), "rk4": (4, 4)}  # evaluations, order
 
 
@@ -89,16 +90,11 @@ def test_evaluations_of_dopri5_are_counted():
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
-def test_dopri5_keeps_its_tolerance(tolerance):
+def test_dopri5_keeps_its_tolerance(monkeypatch, tolerance):
+    monkeypatch.setattr("cotlearn.flows.solvers.TOLERANCE", tolerance)
     x0 = start()
-    solution = integrate(known, x0, method="dopri5", rtol=tolerance, atol=tolerance)
+    solution = integrate(known, x0, method="dopri5")
     assert (solution.x1 - known_solution(x0)).abs().max() < 20 * tolerance
-
-
-def test_dopri5_spends_more_where_the_tolerance_is_smaller():
-    loose = integrate(known, start(), method="dopri5", rtol=1e-2, atol=1e-2)
-    tight = integrate(known, start(), method="dopri5", rtol=1e-8, atol=1e-8)
-    assert loose.nfe < tight.nfe
 
 
 @pytest.mark.parametrize("method", [*FIXED, "dopri5"])
@@ -173,16 +169,29 @@ def test_euler_on_the_exactly_solvable_case():
         ({"nfe": 6, "method": "rk4"}, ValueError, "nfe must be divisible by 4 for rk4, got 6"),
         ({"nfe": 4, "method": "rk45"}, ValueError, "method must be one of euler, midpoint, heun"),
         ({"nfe": 4, "method": "dopri5"}, ValueError, "nfe=4 was given with dopri5"),
-        ({"nfe": 4, "rtol": 1e-3}, ValueError, "rtol and atol belong to dopri5; euler takes nfe"),
-        ({"method": "dopri5", "rtol": 0}, ValueError, "rtol must be above 0"),
-        ({"method": "dopri5", "atol": -1}, ValueError, "atol must be at least 0"),
-        ({"method": "dopri5", "atol": math.nan}, ValueError, "atol must be at least 0"),
         ({"nfe": 1, "x0": torch.zeros(2)}, ValueError, r"x0 must have shape"),
         ({"nfe": 1, "x0": torch.zeros(0, 2)}, ValueError, "x0 is empty"),
         ({"nfe": 1, "x0": torch.full((1, 2), math.nan)}, ValueError, "x0 has NaN"),
         ({"nfe": 1, "x0": [[0.0]]}, TypeError, "x0 must be a torch tensor"),
         ({"nfe": 1, "c": torch.zeros(4, 1)}, ValueError, "c has 4 rows, x0 has 5"),
         ({"nfe": 1, "c": torch.zeros(5)}, ValueError, "c must have shape"),
+        (
+            {"nfe": 1, "velocity": VelocityMLP(2, 4)},
+            TypeError,
+            "x0 must have the weights' type",
+        ),
+        ({"nfe": 1, "velocity": NETWORK}, ValueError, r"c is missing: .* \(rows, 4\)"),
+        (
+            {"nfe": 1, "velocity": NETWORK, "c": torch.zeros(5, 3)},
+            ValueError,
+            "c has 3 columns, this network expects 4",
+        ),
+        ({"nfe": 1, "velocity": VelocityMLP(3).double()}, ValueError, "x0 has 2 columns, expected"),
+        (
+            {"nfe": 1, "velocity": VelocityMLP(2).double(), "c": torch.zeros(5, 3)},
+            ValueError,
+            "condition_dim=0, but got c",
+        ),
         ({"nfe": 1, "velocity": lambda t, x, c: x[:2]}, ValueError, "velocity must return shape"),
         ({"nfe": 1, "velocity": lambda t, x, c: 0.0}, ValueError, "velocity must .* got float"),
     ],
@@ -200,7 +209,7 @@ def test_dopri5_gives_up_on_a_field_that_is_not_finite():
 def test_sampler_draws_fresh_noise_for_each_row():
     data = petals()
     c = data.conditions().repeat_interleave(300, dim=0)
-    draw = sampler(data.velocity, nfe=40, method="midpoint", dim=2)
+    draw = sampler(data.velocity, nfe=80, dim=2)
     x = draw(c, generator=seeded())
     assert x.shape == (1200, 2)
     assert torch.equal(x, draw(c, generator=seeded()))
@@ -210,15 +219,8 @@ def test_sampler_draws_fresh_noise_for_each_row():
         assert squared_w2(x[rows], data.sample_given(c[rows], generator=seeded(2))) < 0.3
 
 
-def test_sampler_knows_the_dimension_of_a_network_and_takes_a_source():
-    c = torch.eye(4)
-    assert sampler(VelocityMLP(3, 4), nfe=1)(c).shape == (4, 3)
-
-    def source(n, generator=None):
-        return torch.full((n, 2), 7.0)
-
-    still = sampler(lambda t, x, c: 0 * x, nfe=1, source=source)
-    assert torch.equal(still(c), torch.full((4, 2), 7.0))
+def test_sampler_knows_the_dimension_of_a_network():
+    assert sampler(VelocityMLP(3, 4), nfe=1)(torch.eye(4)).shape == (4, 3)
 
 
 def test_sampler_without_a_dimension():

@@ -5,8 +5,9 @@ import math
 import pytest
 import torch
 
+from cotlearn.datasets import unconditional
 from cotlearn.metrics import squared_w2
-from cotlearn.mixtures import eight_gaussians, unconditional
+from cotlearn.mixtures import eight_gaussians
 from cotlearn.potentials import ConditionalGaussian, KnownMap, LogSumExp, eight_gaussians_map
 
 

@@ -8,13 +8,14 @@ import time
 import pytest
 import torch
 
-from cotlearn.flows.ahead import has_spare_core, running_ahead
+from cotlearn.flows import prefetch as module
+from cotlearn.flows.prefetch import has_spare_core, prefetch
 
 THREAD = "cotlearn-pairs"
 
 
 def threads():
-    return [t for t in threading.enumerate() if t.name == THREAD]
+    return [t for t in threading.enumerate() if t.name.startswith(THREAD)]
 
 
 @pytest.fixture(autouse=True)
@@ -36,14 +37,15 @@ def wait_until(holds):
 
 @pytest.mark.parametrize("ahead", [1, 2, 4, 100])
 @pytest.mark.parametrize("n", [0, 1, 3, 57])
-def test_the_same_items_in_the_same_order(n, ahead):
+def test_the_same_items_in_the_same_order(monkeypatch, n, ahead):
+    monkeypatch.setattr(module, "AHEAD", ahead)
     items = [object() for _ in range(n)]
-    assert list(running_ahead(iter(items), ahead=ahead)) == items
+    assert list(prefetch(iter(items))) == items
 
 
 def test_none_and_exceptions_are_items_like_others():
     items = [None, StopIteration(), ValueError("only an item"), None]
-    assert list(running_ahead(iter(items))) == items
+    assert list(prefetch(iter(items))) == items
 
 
 def test_an_error_is_raised_where_its_item_would_have_been():
@@ -52,7 +54,7 @@ def test_an_error_is_raised_where_its_item_would_have_been():
         yield 2
         raise KeyError("third")
 
-    items = running_ahead(failing())
+    items = prefetch(failing())
     assert [next(items), next(items)] == [1, 2]
     with pytest.raises(KeyError, match="third"):
         next(items)
@@ -65,14 +67,13 @@ def test_an_interrupt_in_the_iterator_arrives_too():
         yield 1
         raise KeyboardInterrupt("stop")
 
-    items = running_ahead(interrupted())
+    items = prefetch(interrupted())
     next(items)
     with pytest.raises(KeyboardInterrupt, match="stop"):
         next(items)
 
 
-@pytest.mark.parametrize("ahead", [1, 3])
-def test_it_runs_ahead_and_no_further(ahead):
+def test_it_runs_ahead_and_no_further():
     made = []
 
     def count():
@@ -80,10 +81,10 @@ def test_it_runs_ahead_and_no_further(ahead):
             made.append(i)
             yield i
 
-    items = running_ahead(count(), ahead=ahead)
+    items = prefetch(count())
     assert made == []  # nothing before the first is asked for
     assert next(items) == 0
-    most = ahead + 2  # the one in use, those that wait, and the one in hand
+    most = module.AHEAD + 1  # with the one in use
     wait_until(lambda: len(made) == most)
     time.sleep(0.15)
     assert len(made) == most
@@ -91,7 +92,7 @@ def test_it_runs_ahead_and_no_further(ahead):
 
 
 def test_closing_stops_the_thread_of_an_endless_iterator():
-    items = running_ahead(itertools.count())
+    items = prefetch(itertools.count())
     next(items)
     assert len(threads()) >= 1
     items.close()
@@ -99,19 +100,19 @@ def test_closing_stops_the_thread_of_an_endless_iterator():
 
 
 def test_closing_before_the_first_item_starts_nothing():
-    items = running_ahead(itertools.count())
+    items = prefetch(itertools.count())
     items.close()
     assert threads() == []
 
 
 def test_a_finished_iterator_leaves_no_thread():
-    assert list(running_ahead(iter(range(3)))) == [0, 1, 2]
+    assert list(prefetch(iter(range(3)))) == [0, 1, 2]
     assert threads() == []
 
 
 def test_an_error_of_the_reader_stops_the_thread():
     with pytest.raises(RuntimeError, match="reader"):  # noqa: PT012
-        for item in running_ahead(itertools.count()):
+        for item in prefetch(itertools.count()):
             if item == 3:
                 raise RuntimeError("reader")
 
@@ -125,16 +126,9 @@ def test_items_are_made_while_others_are_used():
             yield i
 
     started = time.monotonic()
-    for _ in running_ahead(slow()):
+    for _ in prefetch(slow()):
         time.sleep(0.03)
     assert time.monotonic() - started < 0.5
-
-
-@pytest.mark.parametrize(("ahead", "error"), [(0, ValueError), (-1, ValueError), (1.5, TypeError)])
-def test_bad_input(ahead, error):
-    """0 would be a queue without an end: an endless iterator would fill the memory."""
-    with pytest.raises(error, match="ahead must be"):
-        next(running_ahead(itertools.count(), ahead=ahead))
 
 
 def test_a_core_is_spare_only_where_torch_leaves_one(monkeypatch):

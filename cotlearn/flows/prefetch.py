@@ -1,0 +1,43 @@
+"""Prepare the next items of an iterator in the background, while the current one is used."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+import torch
+
+T = TypeVar("T")
+AHEAD = 4  #: items that are prepared in advance
+
+
+def has_spare_core() -> bool:
+    """Whether this process may use more cores than torch computes on.
+
+    Where torch computes on all of them, a thread that prepares pairs takes a core away from every
+    step, and all other cores wait for it: on two cores steps took half as long again, against a
+    fifth when pairs were made between the steps.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return torch.get_num_threads() < (cores or 1)
+
+
+def prefetch(items: Iterator[T]) -> Generator[T, None, None]:
+    """Yield the same items in the same order, computed by one thread up to `AHEAD` in advance.
+
+    The assignment solvers release Python's global lock, so that a second core does them while the
+    first one trains. An error of the iterator is raised where its item would have been. Closing
+    the generator stops the thread.
+    """
+    end = object()
+    worker = ThreadPoolExecutor(1, thread_name_prefix="cotlearn-pairs")
+    try:
+        coming = deque(worker.submit(next, items, end) for _ in range(AHEAD))
+        while (item := coming.popleft().result()) is not end:
+            coming.append(worker.submit(next, items, end))
+            yield item  # type: ignore[misc]
+    finally:
+        worker.shutdown(cancel_futures=True)
