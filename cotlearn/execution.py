@@ -10,8 +10,7 @@ from pathlib import Path
 
 import nbformat
 import zmq
-from ipykernel.kernelspec import get_kernel_dict
-from jupyter_client.kernelspec import KernelSpec, KernelSpecManager
+from jupyter_client.kernelspec import KernelSpecManager
 from jupyter_client.manager import AsyncKernelManager
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
@@ -22,23 +21,24 @@ from cotlearn.progress import progress_bar
 
 
 @dataclass(frozen=True)
-class Failure:
-    """The cell at which a notebook stopped."""
-
-    index: int  #: among all cells of the notebook, from 0
-    source: str
-    traceback: str
-
-
-@dataclass(frozen=True)
 class Run:
-    """What happened when a notebook was executed."""
+    """What happened when a notebook was executed.
+
+    Attributes:
+        path: where the notebook is.
+        notebook: with the new outputs.
+        seconds: from start to end.
+        claims: how many held.
+        failed: the cell at which it stopped, counted from 0 among all cells; None if it did not.
+        error: why it stopped: a traceback, or a sentence.
+    """
 
     path: Path
     notebook: nbformat.NotebookNode
     seconds: float
     claims: int
-    failure: Failure | None
+    failed: int | None = None
+    error: str = ""
 
 
 def execute(path: Path, *, timeout: int = 300) -> Run:
@@ -95,13 +95,9 @@ def execute(path: Path, *, timeout: int = 300) -> Run:
         if hasattr(client, "_async_cleanup_kernel_future"):  # nbclient's mark of a Ctrl-C
             raise KeyboardInterrupt from None
         error = "The kernel died while it ran this cell (out of memory?)."
-    return Run(
-        path=path,
-        notebook=notebook,
-        seconds=time.perf_counter() - start,
-        claims=sum(count_claims(_outputs(cell, "stdout")) for cell in code),
-        failure=Failure(current, notebook.cells[current].source, error) if error else None,
-    )
+    seconds = time.perf_counter() - start
+    claims = sum(count_claims(_outputs(cell, "stdout")) for cell in code)
+    return Run(path, notebook, seconds, claims, current if error else None, error)
 
 
 def read(path: Path) -> nbformat.NotebookNode:
@@ -161,7 +157,7 @@ def write_index(runs: list[Run], folder: Path) -> Path:
     """Writes a page that links to the pages of `runs`, with time and claims of each."""
     lines = ["# cotlearn\n"]
     for run in runs:
-        end = f"; stopped at cell {run.failure.index}" if run.failure else ""
+        end = f"; stopped at cell {run.failed}" if run.error else ""
         facts = f"{run.seconds:.0f} s, {run.claims} claims hold{end}"
         lines.append(f"- [{title(run.notebook)}](<{run.path.stem}.html>): {facts}")
     index = nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell("\n".join(lines))])
@@ -184,15 +180,10 @@ def _as_html(notebook: nbformat.NotebookNode, name: str) -> str:
     return str(HTMLExporter().from_notebook_node(notebook, resources=resources)[0])
 
 
-class _OwnKernel(KernelSpecManager):
-    """Knows one kernel, the Python that runs now, so that no other on the machine can get in."""
-
-    def get_kernel_spec(self, kernel_name: str) -> KernelSpec:
-        return KernelSpec(**get_kernel_dict())  # names sys.executable
-
-
 def _kernel_manager() -> AsyncKernelManager:
-    manager = AsyncKernelManager(kernel_name="python3", kernel_spec_manager=_OwnKernel())
+    # Without folders it knows only the Python that runs now, and no other kernel of the machine.
+    specs = KernelSpecManager(kernel_dirs=[])
+    manager = AsyncKernelManager(kernel_name="python3", kernel_spec_manager=specs)
     # Newer kernels warn about a connection without encryption, and newer managers can encrypt.
     if manager.has_trait("transport_encryption") and zmq.has("curve"):
         manager.transport_encryption = "auto"

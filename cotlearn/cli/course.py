@@ -90,11 +90,11 @@ def run(
             done = execution.execute(path, timeout=timeout)
             runs.append(done)
             _report(done)
-            if inplace and done.failure is None:
+            if inplace and not done.error:
                 execution.store(done)
             if html is not None:
                 execution.to_html(done, html)
-    failed = sum(item.failure is not None for item in runs)
+    failed = sum(bool(item.error) for item in runs)
     if len(runs) > 1:
         seconds, claims = sum(item.seconds for item in runs), sum(item.claims for item in runs)
         console.print(
@@ -106,13 +106,14 @@ def run(
 
 
 def _report(done: Run) -> None:
-    mark = "[red]✗[/]" if done.failure else "[green]✓[/]"
+    mark = "[red]✗[/]" if done.error else "[green]✓[/]"
     claims = "1 claim" if done.claims == 1 else f"{done.claims} claims"
     console.print(f"{mark} {escape(done.path.stem):<28} {done.seconds:6.1f} s   {claims} passed")
-    if done.failure:
-        console.print(f"\n[red]cell {done.failure.index} of {escape(str(done.path))} failed:[/]\n")
-        console.print(Syntax(done.failure.source, "python", background_color="default"), "")
-        console.print(Text.from_ansi(done.failure.traceback))
+    if done.failed is not None:
+        source = done.notebook.cells[done.failed].source
+        console.print(f"\n[red]cell {done.failed} of {escape(str(done.path))} failed:[/]\n")
+        console.print(Syntax(source, "python", background_color="default"), "")
+        console.print(Text.from_ansi(done.error))
 
 
 @app.command()
