@@ -6,10 +6,10 @@ import io
 import os
 import platform
 import shutil
-import subprocess
 import sys
 from dataclasses import dataclass
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 
 from packaging.requirements import Requirement
@@ -18,18 +18,6 @@ from packaging.specifiers import SpecifierSet
 from cotlearn import assets
 
 FREE_DISK = 1.0  #: GB; the course itself writes little
-_RENDER = """
-import mujoco
-model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size=".1"/></worldbody></mujoco>')
-with mujoco.Renderer(model, 32, 32) as renderer:
-    renderer.update_scene(mujoco.MjData(model))
-    renderer.render()
-"""
-#: The ways in which MuJoCo draws without a screen on Linux, and what installs each.
-_GL_REMEDIES = {
-    "egl": "sudo apt-get install libegl1 libgl1-mesa-dri",
-    "osmesa": "sudo apt-get install libosmesa6",
-}
 
 
 @dataclass(frozen=True)
@@ -58,7 +46,7 @@ def examine() -> list[Finding]:
         *check_packages(),
         check_processor(),
         check_matplotlib(),
-        *check_mujoco(),
+        check_mujoco(),
         check_data(),
         check_disk(),
     ]
@@ -84,17 +72,13 @@ def check_packages() -> list[Finding]:
     """
     root, findings = assets.checkout(), []
     for wanted in map(Requirement, metadata.requires("cotlearn") or []):
-        base, course = (
-            wanted.marker is None or wanted.marker.evaluate({"extra": extra})
-            for extra in ("", "course")
-        )
-        if not course:
+        marker = wanted.marker
+        if marker is not None and not marker.evaluate({"extra": "course"}):
             continue
         try:
             version = metadata.version(wanted.name)
-            ok = wanted.specifier.contains(version, prereleases=True)
         except metadata.PackageNotFoundError:
-            version, ok = "missing", False
+            version = "missing"
         what = f'"{wanted.name}{wanted.specifier}"'
         if root is not None:
             what = f'-e "{root}[dev]" -c "{root / "constraints.txt"}"'
@@ -102,8 +86,8 @@ def check_packages() -> list[Finding]:
             Finding(
                 wanted.name,
                 f"{version} (supported: {wanted.specifier})",
-                ok,
-                required=base or root is not None,
+                ok=version != "missing" and wanted.specifier.contains(version, prereleases=True),
+                required=root is not None or marker is None or marker.evaluate({"extra": ""}),
                 remedy=f'"{sys.executable}" -m pip install {what}',
             )
         )
@@ -113,12 +97,10 @@ def check_packages() -> list[Finding]:
 def check_processor() -> Finding:
     """Counts cores and the threads that torch would use."""
     found = f"{platform.machine()}, {os.cpu_count()} cores"
-    try:
+    if find_spec("torch") is not None:
         import torch
 
         found += f", torch uses {torch.get_num_threads()} threads"
-    except ImportError:
-        pass  # `check_packages` says so
     return Finding("processor", found, ok=True)
 
 
@@ -141,39 +123,21 @@ def check_matplotlib() -> Finding:
     )
 
 
-def check_mujoco() -> list[Finding]:
-    """Renders one MuJoCo image with each way of drawing, each in a process of its own.
-
-    On Linux one way is enough, and none is required: only pictures of the robot arm need one.
-    """
-    ways = _GL_REMEDIES if sys.platform == "linux" else {"": ""}
-    works = {way: _renders(way) for way in ways}
-    return [
-        Finding(
-            f"MuJoCo images, {way}" if way else "MuJoCo images",
-            "drawn" if works[way] else "cannot be drawn",
-            ok=any(works.values()),
-            required=False,
-            remedy=remedy,
-        )
-        for way, remedy in ways.items()
-    ]
-
-
-def _renders(way: str) -> bool:
-    environment = {"MUJOCO_GL": way, "PYOPENGL_PLATFORM": way} if way else {}
+def check_mujoco() -> Finding:
+    """Finds out what draws pictures of the robot arm; matplotlib's are plainer than MuJoCo's."""
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", _RENDER],
-            env=os.environ | environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=60,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return False
-    return done.returncode == 0
+        from cotlearn.robots.arm.rendering import backend
+
+        how = backend()
+    except ImportError:
+        how = "nothing"
+    return Finding(
+        "MuJoCo images",
+        f"drawn by {how}",
+        ok=how not in {"matplotlib", "nothing"},
+        required=False,
+        remedy="sudo apt-get install libegl1 libgl1-mesa-dri",
+    )
 
 
 def check_data() -> Finding:
