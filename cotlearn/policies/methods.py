@@ -38,18 +38,10 @@ if TYPE_CHECKING:
     from cotlearn.policies.training import Options, Run
 
 
-def _independent(options: Options, pictures: EmbeddedClusters | None) -> Coupling:
-    return Independent()
-
-
 def _flow_matching(options: Options) -> Loss:
     if options.share_at_t0:
         return OversampleT0(options.share_at_t0)
     return conditional_flow_matching_loss
-
-
-def _integrated(clip: float) -> Sampler:
-    return FlowSampler(nfe=16)
 
 
 @dataclass(frozen=True)
@@ -72,9 +64,9 @@ class Method:
 
     name: str
     description: str
-    coupling: Callable[[Options, EmbeddedClusters | None], Coupling] = _independent
+    coupling: Callable[[Options, EmbeddedClusters | None], Coupling] = lambda *_: Independent()
     loss: Callable[[Options], Loss] = _flow_matching
-    sampler: Callable[[float], Sampler] = _integrated
+    sampler: Callable[[float], Sampler] = lambda clip: FlowSampler(nfe=16)
     open_option: str = ""
     pictures: Callable[[Options], int | None] | None = None
     teacher: str = ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -26,6 +27,7 @@ _NETWORKS: dict[str, Any] = {
 }
 
 
+@dataclass(eq=False, repr=False)
 class ChunkPolicy:
     """A policy that acts in chunks.
 
@@ -41,35 +43,27 @@ class ChunkPolicy:
         ValueError: the network's sizes or `execute` do not fit the windows.
     """
 
-    def __init__(
-        self,
-        network: nn.Module,
-        windows: Windows,
-        sampler: Sampler,
-        *,
-        execute: int = 8,
-        fitted: dict[str, Tensor] | None = None,
-    ) -> None:
+    network: nn.Module
+    windows: Windows
+    sampler: Sampler
+    _: KW_ONLY
+    execute: int = 8
+    fitted: dict[str, Tensor] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
         for name in ("dim", "condition_dim"):
-            got, expected = getattr(network, name, None), getattr(windows, name)
+            got, expected = getattr(self.network, name, None), getattr(self.windows, name)
             if got != expected:
                 raise ValueError(
-                    f"network has {name} {got}, but windows of {windows.observe} observed and "
-                    f"{windows.predict} predicted steps need {expected}"
+                    f"network has {name} {got}, but windows of {self.windows.observe} observed and "
+                    f"{self.windows.predict} predicted steps need {expected}"
                 )
-        if check_count(execute, "execute") > windows.predict:
-            raise ValueError(
-                f"execute must be at most the {windows.predict} predicted steps, got {execute}"
-            )
-        self.network, self.windows = network.eval(), windows
-        self.sampler, self.execute = sampler, execute
-        self.fitted = {} if fitted is None else fitted
+        check_execute(self.execute, self.windows.predict)
+        self.network.eval()
 
     def with_sampler(self, sampler: Sampler) -> ChunkPolicy:
         """The same network, drawn from in another way."""
-        return ChunkPolicy(
-            self.network, self.windows, sampler, execute=self.execute, fitted=self.fitted
-        )
+        return replace(self, sampler=sampler)
 
     def noise(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """What `act` needs for n rows, (draws, n, d).
@@ -207,6 +201,12 @@ class ChunkPolicy:
             return policy, dict(record["about"])
         except (KeyError, TypeError, RuntimeError) as error:
             raise ValueError(f"{path} holds no policy that fits: {error}") from error
+
+
+def check_execute(execute: int, predict: int) -> None:
+    """Raises ValueError unless so many steps of a chunk can be done."""
+    if check_count(execute, "execute") > predict:
+        raise ValueError(f"execute must be at most the {predict} predicted steps, got {execute}")
 
 
 __getattr__ = renamed(__name__, {name: f"cotlearn.policies.samplers:{name}" for name in SAMPLERS})

@@ -22,8 +22,9 @@ NOISE = 13  #: keeps the noise of rollouts apart from that of training (see `gen
 
 
 class Policy(Protocol):
-    """What can be rolled out: `ChunkPolicy`, or anything with these three."""
+    """What can be rolled out: `ChunkPolicy`, or anything with these."""
 
+    windows: Any  #: has the task, and observe, the number of states in a history
     execute: int
 
     def noise(self, n: int, generator: torch.Generator | None = None) -> Tensor:
@@ -82,35 +83,28 @@ def rollout(
     episodes: int = 200,
     first_seed: int = FRESH,
     seeds: Sequence[int] | None = None,
-    noise_seed: int = 0,
     max_steps: int | None = None,
-    task: Task | None = None,
     record: bool = False,
     progress: bool | None = None,
 ) -> Rollouts:
     """Rolls a policy out, all episodes side by side.
 
-    Start and noise of an episode depend on its seed, its number and `noise_seed` alone: two
-    policies can be compared episode by episode.
+    Start and noise of an episode depend on its seed and its number alone: two policies can be
+    compared episode by episode.
 
     Args:
         policy: sees the last states of each world, and returns the next actions.
         episodes: how many.
         first_seed: of the starts.
         seeds: of the starts, instead of first_seed, first_seed + 1, ...; may repeat.
-        noise_seed: of the policy's noise.
         max_steps: of an episode; those of the task if None.
-        task: what is to be done; what the windows of the policy are made for if None.
         record: keep all states.
         progress: show a bar; None: in terminals and notebooks.
 
     Raises:
         ValueError: the policy returns another shape, or actions out of range or not finite.
     """
-    windows: Any = getattr(policy, "windows", policy)
-    task = task or getattr(windows, "task", None)
-    if task is None:
-        raise ValueError("task must be given for a policy that has no windows, got None")
+    task = policy.windows.task
     max_steps = check_count(task.max_steps if max_steps is None else max_steps, "max_steps")
     if seeds is None:
         first = check_count(first_seed, "first_seed", minimum=0)
@@ -118,7 +112,7 @@ def rollout(
     episodes = check_count(len(seeds), "seeds")
     sim = task.vector_sim(seeds)
     state = sim.states
-    history = np.repeat(state[:, None], windows.observe, axis=1)
+    history = np.repeat(state[:, None], policy.windows.observe, axis=1)
     active = ~sim.finished
     steps = np.zeros(episodes, dtype=np.int64)
     done = np.full((max_steps, episodes, len(task.action)), np.nan)
@@ -130,7 +124,7 @@ def rollout(
             place = now % policy.execute
             if place == 0:
                 rows = np.flatnonzero(active)
-                rng = generator_for(noise_seed, now // policy.execute, NOISE)
+                rng = generator_for(0, now // policy.execute, NOISE)
                 noise = policy.noise(episodes, rng)[:, rows]
                 started = time.perf_counter()
                 plan = np.zeros((episodes, policy.execute, len(task.action)))

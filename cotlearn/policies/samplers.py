@@ -4,45 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 from torch import Tensor, nn
 
-from cotlearn.flows.diffusion import Diffusion, predict
+from cotlearn.flows.diffusion import SPACINGS, Diffusion, predict
 from cotlearn.flows.solvers import integrate
 
 
-class Sampler(Protocol):
-    """Turns noise into chunks with a network."""
-
-    @property
-    def name(self) -> str:
-        """For tables: "euler-16"."""
-        ...
-
-    @property
-    def nfe(self) -> int:
-        """Evaluations of the network for a chunk."""
-        ...
+class Sampler:
+    """Turns noise into chunks with a network. A new one overrides `name`, `nfe` and the call."""
 
     @property
     def draws(self) -> int:
         """Noise tensors that a chunk needs."""
-        ...
+        return 1
 
     @property
-    def variants(self) -> tuple[Sampler, ...]:
+    def name(self) -> str:
+        """For tables: "euler-16"."""
+        raise NotImplementedError
+
+    @property
+    def nfe(self) -> int:
+        """Evaluations of the network for a chunk."""
+        raise NotImplementedError
+
+    @property
+    def variants(self) -> list[Sampler]:
         """The samplers that a comparison tries on the same network."""
-        ...
+        return [self]
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) from noise (draws, B, d) under conditions c (B, k)."""
-        ...
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class FlowSampler:
+class FlowSampler(Sampler):
     """Integrates the network as a velocity field.
 
     Attributes:
@@ -53,17 +52,15 @@ class FlowSampler:
     nfe: int = 16
     method: str = "euler"
 
-    draws = 1
-
     @property
     def name(self) -> str:
         """For tables: "euler-16"."""
         return f"{self.method}-{self.nfe}"
 
     @property
-    def variants(self) -> tuple[Sampler, ...]:
+    def variants(self) -> list[Sampler]:
         """Euler's method with 1 to 16 evaluations, and one midpoint step."""
-        return (*(FlowSampler(nfe) for nfe in (1, 2, 4, 16)), FlowSampler(2, "midpoint"))
+        return [*(FlowSampler(nfe) for nfe in (1, 2, 4, 16)), FlowSampler(2, "midpoint")]
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
@@ -71,7 +68,7 @@ class FlowSampler:
 
 
 @dataclass(frozen=True)
-class DDPMSampler:
+class DDPMSampler(Sampler):
     """The ancestral chain of a diffusion model, one evaluation for each level.
 
     Attributes:
@@ -98,11 +95,10 @@ class DDPMSampler:
         return f"ddpm-{self.levels}"
 
     @property
-    def variants(self) -> tuple[Sampler, ...]:
+    def variants(self) -> list[Sampler]:
         """The chain itself, and DDIM with 4 and with 16 evaluations, in both spacings."""
-        spacings = ("leading", "trailing")
-        few = [DDIMSampler(n, self.levels, s, self.clip) for n in (4, 16) for s in spacings]
-        return (self, *few)
+        few = [DDIMSampler(n, self.levels, s, self.clip) for n in (4, 16) for s in SPACINGS]
+        return [self, *few]
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) from noise (levels, B, d) under conditions c (B, k)."""
@@ -110,7 +106,7 @@ class DDPMSampler:
 
 
 @dataclass(frozen=True)
-class DDIMSampler:
+class DDIMSampler(Sampler):
     """Few deterministic steps of a diffusion model."""
 
     nfe: int = 16
@@ -118,17 +114,10 @@ class DDIMSampler:
     spacing: str = "leading"
     clip: float = 1.0
 
-    draws = 1
-
     @property
     def name(self) -> str:
         """For tables: "ddim-16", "ddim-4-trailing"."""
         return f"ddim-{self.nfe}" + ("" if self.spacing == "leading" else f"-{self.spacing}")
-
-    @property
-    def variants(self) -> tuple[Sampler, ...]:
-        """Those of the chain."""
-        return DDPMSampler(self.levels, self.clip).variants
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
@@ -137,17 +126,11 @@ class DDIMSampler:
 
 
 @dataclass(frozen=True)
-class MeanSampler:
-    """The one chunk that a regression predicts."""
+class MeanSampler(Sampler):
+    """The one chunk that a regression predicts; of the noise only the shape counts."""
 
-    draws = 1  # only its shape counts
     nfe = 1
     name = "mean"
-
-    @property
-    def variants(self) -> tuple[Sampler, ...]:
-        """There is but one way."""
-        return (self,)
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) under conditions c (B, k)."""

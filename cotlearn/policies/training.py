@@ -20,7 +20,7 @@ from cotlearn.flows.networks import ResidualMLP, TemporalUNet
 from cotlearn.flows.training import FitResult, fit
 from cotlearn.policies.methods import Method, find_method
 from cotlearn.policies.pixels import Pixels
-from cotlearn.policies.policy import ChunkPolicy
+from cotlearn.policies.policy import ChunkPolicy, check_execute
 from cotlearn.policies.windows import Windows
 from cotlearn.robots.episodes import Episodes
 from cotlearn.validation import check_choice, check_count
@@ -86,10 +86,7 @@ class Options:
     def __post_init__(self) -> None:
         check_choice(self.network, "network", NETWORKS)
         check_count(self.steps, "steps")
-        if check_count(self.execute, "execute") > check_count(self.predict, "predict"):
-            raise ValueError(
-                f"execute must be at most the {self.predict} predicted steps, got {self.execute}"
-            )
+        check_execute(self.execute, self.predict)
         if self.camera and (self.network, self.frame or "agent") != ("mlp", "agent"):
             raise ValueError(
                 "a policy with a camera has network 'mlp' and frame 'agent', got "
@@ -118,11 +115,6 @@ class Options:
         return ResidualMLP(
             windows.dim, windows.condition_dim, width=self.width, blocks=self.blocks, seed=seed
         )
-
-    def make_loss(self, method: Method) -> Loss:
-        """What a method minimises; with a camera, the loss of the pose, too."""
-        loss = method.loss(self)
-        return self.camera.loss(loss) if self.camera else loss
 
     def pictures(self, method: Method, data: Dataset, windows: Windows) -> EmbeddedClusters | None:
         """The clusters of pictures that the coupling of a method is given, fitted to the data."""
@@ -252,13 +244,13 @@ def train(
             checkpoint=place and place.with_name(f"teacher_{place.name}"),
             progress=progress,
         )
-    pictures = options.pictures(method, data, windows)
+    pictures, loss = options.pictures(method, data, windows), method.loss(options)
     run = Run(
         options=options,
         data=data,
         network=options.make_network(windows, seed=seed),
         coupling=method.coupling(options, pictures),
-        loss=options.make_loss(method),
+        loss=options.camera.loss(loss) if options.camera else loss,
         seed=seed,
         teacher=teacher,
         checkpoint=place,
@@ -272,7 +264,7 @@ def train(
         windows,
         method.sampler(float(data.x1.abs().max())),
         execute=options.execute,
-        fitted=None if pictures is None else pictures.state_dict(),
+        fitted=pictures.state_dict() if pictures else {},
     )
     parameters = sum(p.numel() for p in result.network.parameters())
     return Trained(policy, result.history, run.seconds, parameters, run.coupling)

@@ -77,6 +77,7 @@ class _Bench:
     record: Record
     weights: Path
     say: Say
+    choices: dict[str, Record] = field(default_factory=dict)
 
     def cell(self, name: str) -> Record:
         """Trains a policy, unless its weights are there, and scores it."""
@@ -131,16 +132,9 @@ class _Bench:
 
     def chosen(self, method: Method) -> Record | None:
         """What the frontier chooses for all seeds of a method, computed once."""
-        if not is_open(method, self.protocol.options):
-            return None
-        file = self.weights / f"{method.name}.chosen.json"
-        if file.is_file():
-            stored = read_json(file)
-            if read_record(stored.pop("protocol")) == self.record:
-                return stored
-        found = choose(method, self.training, self.protocol.options)
-        write_json(file, {**found, "protocol": self.record})
-        return found
+        if is_open(method, self.protocol.options) and method.name not in self.choices:
+            self.choices[method.name] = choose(method, self.training, self.protocol.options)
+        return self.choices.get(method.name)
 
     def stored(self, name: str) -> tuple[ChunkPolicy, Record] | None:
         """A policy of this very protocol that was trained before, and what is known of it."""
