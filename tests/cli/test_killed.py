@@ -3,9 +3,10 @@
 `cotlearn grade` has its own test in tests/homework/test_grading.py.
 """
 
+import contextlib
+import multiprocessing
 import os
 import signal
-import subprocess
 import sys
 import time
 
@@ -18,57 +19,67 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(sys.platform == "win32", reason="no kill -9"),
 ]
-QUIET = {**os.environ, "COTLEARN_PROGRESS": "0", "OMP_NUM_THREADS": "1"}
 PATIENCE = 600  # seconds, on a very busy machine
 
 
-#: `cotlearn`, but with a checkpoint every 100 steps, and with four rollouts for the modes, not 400.
-SMALL = """
-from cotlearn.flows import training
-from cotlearn.policies.comparison import scores
-training.fit.__kwdefaults__["checkpoint_every"] = 100
-scores.MODE_STARTS = scores.MODE_DRAWS = 2
-from cotlearn.cli import main
-main()
-"""
+def command(words, folder):
+    """`cotlearn` in a process of its own, with a checkpoint every 100 steps, and few rollouts."""
+    from cotlearn.cli import app
+    from cotlearn.flows import training
+    from cotlearn.policies.comparison import scores
+
+    training.fit.__kwdefaults__["checkpoint_every"] = 100
+    scores.MODE_STARTS = scores.MODE_DRAWS = 2
+    os.environ["COTLEARN_PROGRESS"] = "0"
+    os.chdir(folder)
+    with open("said.txt", "w") as said, contextlib.redirect_stdout(said):
+        os.dup2(said.fileno(), 1)
+        app([str(word) for word in words])
 
 
-def start(words, folder):
-    command = [sys.executable, "-c", SMALL, *map(str, words)]
-    return subprocess.Popen(
-        command, cwd=folder, env=QUIET, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    )
+@pytest.fixture(scope="module")
+def start():
+    """Starts a command in a process that has imported everything already."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["cotlearn.cli", "cotlearn.policies.comparison", "mujoco"])
+
+    def started(words, folder):
+        process = context.Process(target=command, args=(words, folder))
+        process.start()
+        return process
+
+    return started
 
 
-def kill_when_there_is(file, words, folder):
-    """Start a command, and kill it as soon as a file is there."""
-    process = start(words, folder)
+def kill_when_there_is(file, process):
+    """Kills a process as soon as a file is there."""
     deadline = time.monotonic() + PATIENCE
     while not file.exists():
-        assert process.poll() is None, process.stdout.read()
+        assert process.is_alive(), f"ended with {process.exitcode}"
         assert time.monotonic() < deadline, f"no {file}"
         time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    process.communicate()
-    assert process.returncode == -signal.SIGKILL
+    process.kill()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
 
 
-def finish(words, folder):
-    process = start(words, folder)
-    said, _ = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0, said
+def finish(process, folder):
+    process.join(PATIENCE)
+    said = (folder / "said.txt").read_text()
+    assert process.exitcode == 0, said
+    (folder / "said.txt").unlink()
     return said
 
 
-def test_demos(tmp_path):
+def test_demos(tmp_path, start):
     words = ["demos", "arm-ring", "--episodes", 60, "--out", "made.npz"]
     part = tmp_path / "made.npz.parts" / "000000-000050.npz"
-    kill_when_there_is(part, words, tmp_path)
+    kill_when_there_is(part, start(words, tmp_path))
     assert not (tmp_path / "made.npz").exists()
     part.rename(tmp_path / "kept.npz")
     before = (tmp_path / "kept.npz").stat()
     os.link(tmp_path / "kept.npz", part)
-    finish(words, tmp_path)
+    finish(start(words, tmp_path), tmp_path)
     assert (tmp_path / "kept.npz").stat().st_mtime_ns == before.st_mtime_ns
     whole, kept = read(tmp_path / "made.npz"), read(tmp_path / "kept.npz")
     assert len(whole) == 60
@@ -76,27 +87,27 @@ def test_demos(tmp_path):
     assert not part.parent.exists()
 
 
-def test_train(tmp_path):
-    words = ["train", "arm-ring", "--coupling", "behaviour_cloning", "--steps", 600]
+def test_train(tmp_path, start):
+    words = ["train", "arm-ring", "--coupling", "behaviour_cloning", "--steps", 300]
     words += ["--batch-size", 4, "--episodes", 20, "--rollouts", 0, "--out", "made.safetensors"]
     checkpoint = tmp_path / "made.training.safetensors"
-    kill_when_there_is(checkpoint, words, tmp_path)
+    kill_when_there_is(checkpoint, start(words, tmp_path))
     assert not (tmp_path / "made.safetensors").exists()
-    finish(words, tmp_path)
+    finish(start(words, tmp_path), tmp_path)
     assert ChunkPolicy.load(tmp_path / "made.safetensors").windows.task.name == "arm-ring"
     left = {file.name for file in tmp_path.iterdir() if not file.name.startswith(".")}
     assert left == {"made.safetensors"}
 
 
-def test_bench(tmp_path):
+def test_bench(tmp_path, start):
     words = ["bench", "arm-ring", "--methods", "behaviour_cloning", "--seeds", "0,1"]
     words += ["--episodes", 2, "--train-episodes", 20, "--held-out", 5, "--steps", 20]
     words += ["--batch-size", 4, "--folder", "cells", "--weights", "weights"]
     words += ["--summary", "summary.json"]
     first = tmp_path / "cells" / "behaviour_cloning-0.json"
-    kill_when_there_is(first, words, tmp_path)
+    kill_when_there_is(first, start(words, tmp_path))
     before = first.read_bytes()
-    said = finish(words, tmp_path)
+    said = finish(start(words, tmp_path), tmp_path)
     assert "2 cells, 1 done already" in said
     assert first.read_bytes() == before
     assert (tmp_path / "cells" / "behaviour_cloning-1.json").exists()
