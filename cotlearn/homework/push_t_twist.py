@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cotlearn.homework.checks.common import Array, turned
-from cotlearn.robots.push_t import GOAL, MAX_STEPS, PushTVectorSim, coverage, random_state
+from cotlearn.robots.push_t import GOAL, PushTVectorSim, coverage, random_state
 from cotlearn.robots.push_t.definition import PUSH_T
+from cotlearn.robots.push_t.task import MAX_STEPS
 from cotlearn.robots.task import check_actions
 from cotlearn.validation import check_count
 

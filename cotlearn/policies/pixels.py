@@ -45,7 +45,7 @@ class Pixels:
 
     def camera(self, windows: Windows) -> Camera:
         """The camera for scenes on the scale of these windows."""
-        return Camera.over(windows.observation_range, size=self.size, observe=windows.observe)
+        return Camera(self.size, windows.observe, *windows.observation_range.tolist())
 
     def network(self, windows: Windows, *, width: int, blocks: int, seed: int) -> CameraNetwork:
         """A network that sees."""

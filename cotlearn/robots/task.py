@@ -20,20 +20,16 @@ class VectorSim(Protocol):
     @property
     def states(self) -> Array:
         """(n, columns of a state)."""
-        ...
 
     @property
     def finished(self) -> NDArray[np.bool_]:
         """(n,), whether each episode is over before its time limit."""
-        ...
 
     def step(self, actions: ArrayLike, *, active: NDArray[np.bool_] | None = None) -> None:
         """One control step with actions (n, columns) in all simulations, or in the active ones."""
-        ...
 
     def outcomes(self) -> dict[str, Array]:
         """The results of each episode so far, name -> (n,); with "mode", -1 for none."""
-        ...
 
 
 class Frame(Protocol):
@@ -43,15 +39,12 @@ class Frame(Protocol):
 
     def observe(self, history: Array) -> Array:
         """(B, T, features) from states (B, T, columns)."""
-        ...
 
     def to_frame(self, actions: Array, history: Array) -> Array:
         """Actions (B, n, columns) of the world, in the frame that the last state defines."""
-        ...
 
     def from_frame(self, actions: Array, history: Array) -> Array:
         """The inverse of `to_frame`."""
-        ...
 
 
 @dataclass
@@ -102,7 +95,6 @@ class Expert(Protocol):
             seed: of the start, as in `env.reset(seed=seed)`, and of all choices.
             state: (columns,), where to start instead; then the seed is of the choices alone.
         """
-        ...
 
 
 @dataclass(frozen=True)

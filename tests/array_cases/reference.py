@@ -54,6 +54,7 @@ WITHOUT = {
     "policies.policy.ChunkPolicy": "keeps what a coupling had fitted",
     "policies.policy.ChunkPolicy.draw": "a part of `chunk`, which has looked at the history",
     "policies.windows.*": "not a door: episodes and policies have checked",
+    "robots.plane.*": "not a door, as the arm",
     "robots.arm.*": "not a door: environments and rollouts have checked states and actions",
     "robots.push_t.*": "not a door, as the arm",
     "robots.task.*": "records of the package's own tasks, and the check of actions itself",

@@ -7,7 +7,8 @@ import pytest
 from matplotlib.patches import Circle
 
 from cotlearn import plots
-from cotlearn.robots.push_t import AGENT_RADIUS, GOAL, corners
+from cotlearn.robots.push_t import GOAL, corners
+from cotlearn.robots.push_t.task import AGENT_RADIUS
 
 STATE = np.array([100.0, 150.0, 300.0, 200.0, 0.5])
 STATES = np.linspace(STATE, [200, 250, *GOAL], 9)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from cotlearn.robots.arm import MAX_STEPS, ArmVectorSim, random_start, rendering, solve
+from cotlearn.robots.arm import ArmVectorSim, random_start, rendering, solve
 from cotlearn.robots.arm import menagerie as real
 from cotlearn.robots.arm.environment import Arm
 from cotlearn.robots.arm.model import compiled, scene
-from cotlearn.robots.arm.task import GOAL, KINDS, PICTURE, TIP
+from cotlearn.robots.arm.task import GOAL, KINDS, MAX_STEPS, PICTURE, TIP
 
 IDS = {kind: f"cotlearn/Arm{kind.title()}-v0" for kind in KINDS}
 
@@ -76,6 +76,15 @@ def test_an_episode_over_the_pillar_and_one_through_it():
     assert reward == 0.0
     assert not info["success"]
 
+    state, _ = env.reset(seed=1)
+    for target in targets(state) + np.linspace(0, 0.05, MAX_STEPS)[:, None] * [0, 0, 1]:
+        state, reward, terminated, _, info = env.step(target)
+    assert terminated
+    assert not info["success"]
+    assert not info["collision"]
+    assert reward == pytest.approx(0.0125 / info["goal_error"])
+    assert reward == pytest.approx(0.25, abs=0.01)
+
 
 def test_many_at_once():
     env = gymnasium.make_vec(IDS["avoid"], num_envs=3, vectorization_mode="sync")
@@ -105,9 +114,9 @@ def test_an_action_out_of_reach_is_told():
 
 
 def test_bad_actions():
-    env = Arm("ring")
     with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(np.zeros(3))
+        gymnasium.make(IDS["ring"]).step(np.zeros(3))
+    env = Arm("ring")
     env.reset(seed=0)
     with pytest.raises(ValueError, match=r"action must be finite, got \[nan\]"):
         env.step(np.array([np.nan, 0, 0]))
@@ -234,7 +243,7 @@ def test_the_whole_arm_is_in_the_drawing(monkeypatch):
         env = Arm("avoid", render_mode="rgb_array", camera=camera)
         env.reset(seed=0)
         model, data = env._sim.model_and_data(0)
-        painter = rendering.Painter(model, width=320, height=240, camera=camera)
+        painter = rendering.Painter(model, (320, 240), camera)
         image = painter.paint(model, data, env._sim.states[0])
         dark = (image.astype(int).sum(axis=-1) < 300) & (np.ptp(image, axis=-1) < 40)
         assert dark.mean() > 0.005
@@ -298,7 +307,7 @@ def test_an_opengl_that_cannot_be_opened_in_this_process_is_replaced(monkeypatch
     monkeypatch.setattr(rendering.Painter, "_open", fail)
     sim = ArmVectorSim.from_seeds([0], "ring")
     model, data = sim.model_and_data(0)
-    painter = rendering.Painter(model, width=100, height=80, camera="front")
+    painter = rendering.Painter(model, (100, 80), "front")
     assert painter.how == "matplotlib"
     assert painter.paint(model, data, sim.states[0]).shape == (80, 100, 3)
     painter.close()

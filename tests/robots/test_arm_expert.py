@@ -8,16 +8,10 @@ from scipy.optimize import minimize
 from typer.testing import CliRunner
 
 from cotlearn import assets, cli
-from cotlearn.robots.arm import (
-    MAX_STEPS,
-    MODES,
-    SUCCESS,
-    ArmVectorSim,
-    homotopy_class,
-    random_start,
-)
+from cotlearn.robots.arm import MODES, ArmVectorSim, random_start
 from cotlearn.robots.arm.definition import ARM_AVOID, ARM_RING
-from cotlearn.robots.arm.task import GOAL, KINDS, TIP, UNIT, columns, pillars
+from cotlearn.robots.arm.modes import homotopy_class
+from cotlearn.robots.arm.task import GOAL, KINDS, MAX_STEPS, SUCCESS, TIP, UNIT, columns, pillars
 from cotlearn.robots.episodes import read
 from cotlearn.robots.episodes.npz import read_arrays, write_arrays
 from cotlearn.robots.experts import record as recording

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cotlearn.robots.arm import GoalFrame, columns, random_start
-from cotlearn.robots.arm.task import GOAL, KINDS, TIP
+from cotlearn.robots.arm import GoalFrame, random_start
+from cotlearn.robots.arm.task import GOAL, KINDS, TIP, columns
 
 
 def histories(kind, n=20):

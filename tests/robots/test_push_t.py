@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 import cotlearn.robots
 from cotlearn.robots.push_t import (
     GOAL,
-    MAX_STEPS,
     PushTVectorSim,
     corners,
     coverage,
@@ -18,9 +17,8 @@ from cotlearn.robots.push_t import (
 )
 from cotlearn.robots.push_t.environment import PushT
 from cotlearn.robots.push_t.geometry import coverage_of_one
-from cotlearn.robots.push_t.rasteriser import AGENT, BLOCK, OUTLINE
-from cotlearn.robots.push_t.rendering import CROSS, draw
-from cotlearn.robots.push_t.task import AREA, RECTANGLES
+from cotlearn.robots.push_t.rasteriser import AGENT, BLOCK, CROSS, OUTLINE, draw
+from cotlearn.robots.push_t.task import AREA, MAX_STEPS, RECTANGLES
 
 assert cotlearn.robots.__doc__
 
@@ -221,7 +219,7 @@ def test_other_bad_input():
     with pytest.raises(ValueError, match="render_mode must be one of rgb_array"):
         PushT(render_mode="human")
     with pytest.raises(gymnasium.error.ResetNeeded):
-        PushT().step([1.0, 2.0])
+        gymnasium.make(ID).step(np.ones(2, np.float32))
     with pytest.raises(ValueError, match="options must be"):
         PushT().reset(options={"reset_to_state": [0] * 5})
     with pytest.raises(ValueError, match="must lie in the world"):

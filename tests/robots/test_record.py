@@ -12,8 +12,9 @@ from cotlearn import assets, cli
 from cotlearn.robots.episodes import read
 from cotlearn.robots.episodes.npz import read_arrays, write_arrays
 from cotlearn.robots.experts import record as recording
-from cotlearn.robots.push_t import SUCCESS, Simulation, random_state
+from cotlearn.robots.push_t import Simulation, random_state
 from cotlearn.robots.push_t.definition import PUSH_T
+from cotlearn.robots.push_t.task import SUCCESS
 from cotlearn.robots.task import Demonstration
 
 SHIPPED = PUSH_T.demonstrations

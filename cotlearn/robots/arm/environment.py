@@ -79,7 +79,7 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
         low, high = (task.LOW, task.HIGH) if action_type == "tip" else (LOWER, UPPER)
         self._limits = np.stack([low, high])
         self.action_space = spaces.Box(*self._limits.astype(np.float32))
-        self._sim: ArmVectorSim | None = None
+        self._sim: ArmVectorSim
         self._painter: Painter | None = None
 
     def reset(
@@ -95,8 +95,7 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
             ValueError: `options` holds anything else, or a start that cannot be.
         """
         super().reset(seed=seed)
-        state = self._start(options)
-        self._sim = ArmVectorSim(state[None], self.kind, model=self.model)
+        self._sim = ArmVectorSim(self._start(options)[None], self.kind, model=self.model)
         return self._sim.states[0], self._info()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -106,21 +105,23 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
             TypeError: `action` is not made of real numbers.
             ValueError: it has another shape than the action space, is not finite or lies outside.
         """
-        sim, limits = self._running(), self._limits
+        sim, limits = self._sim, self._limits
         target = check_actions(action, limits, "action", shape=limits[0].shape)
         (sim.step if self.action_type == "tip" else sim.step_joints)(target[None])
-        return sim.states[0], float(sim.score[0]), bool(sim.done[0]), False, self._info()
+        over, info = bool(sim.done[0]), self._info()
+        reward = float(over and not info["collision"])
+        if not info["success"]:
+            reward *= task.SUCCESS / (2 * max(info["goal_error"], task.SUCCESS))
+        return sim.states[0], reward, over, False, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture (height, width, 3); None without a mode."""
         if self.render_mode is None:
             return None
-        sim = self._running()
-        model, data = sim.model_and_data(0)
+        model, data = self._sim.model_and_data(0)
         if self._painter is None:
-            width, height = self.size
-            self._painter = Painter(model, width=width, height=height, camera=self.camera)
-        return self._painter.paint(model, data, sim.states[0])
+            self._painter = Painter(model, self.size, self.camera)
+        return self._painter.paint(model, data, self._sim.states[0])
 
     def close(self) -> None:
         """Frees what rendering holds; may be called twice."""
@@ -145,19 +146,13 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
             )
         return state
 
-    def _running(self) -> ArmVectorSim:
-        if self._sim is None:
-            raise gymnasium.error.ResetNeeded("call reset() before step() or render()")
-        return self._sim
-
     def _info(self) -> dict[str, Any]:
-        sim = self._running()
-        found = {name: values[0] for name, values in sim.outcomes().items()}
+        found = {name: values[0] for name, values in self._sim.outcomes().items()}
         return {
             "success": bool(found["success"]),
             "collision": bool(found["collision"]),
-            "touched": sim.touched()[0],
+            "touched": self._sim.touched()[0],
             "goal_error": float(found["goal_error"]),
-            "unreachable": bool(sim.unreachable[0]),
+            "unreachable": bool(self._sim.unreachable[0]),
             "mode": int(found["mode"]),
         }

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from cotlearn.robots.arm import task
+from cotlearn.robots.plane import rotate
 from cotlearn.robots.task import Array
 
 _NEAR = 0.03  #: metres from the goal where its direction begins to matter less
@@ -34,42 +37,33 @@ class GoalFrame:
 
     def observe(self, history: Array) -> Array:
         """(B, T, columns) from states (B, T, columns): all seen from the last one."""
-        origin, along = _frame(history)
+        origin, cos, sin = _frame(history)
         seen = history.copy()
         for first in (0, 3, *range(task.FIRST_PILLAR, history.shape[-1], 4)):
             place = slice(first, first + 2)
-            seen[..., place] = _turn(history[..., place] - origin[..., :2], along, inverse=True)
+            seen[..., place] = rotate(history[..., place] - origin[..., :2], cos, -sin)
         return seen
 
     def to_frame(self, actions: Array, history: Array) -> Array:
         """Actions (B, n, 3) seen from the tip of the last state."""
-        origin, along = _frame(history)
+        origin, cos, sin = _frame(history)
         away = actions - origin
-        return np.concatenate([_turn(away[..., :2], along, inverse=True), away[..., 2:]], axis=-1)
+        return np.concatenate([rotate(away[..., :2], cos, -sin), away[..., 2:]], axis=-1)
 
     def from_frame(self, actions: Array, history: Array) -> Array:
         """The inverse of `to_frame`."""
-        origin, along = _frame(history)
-        away = np.concatenate([_turn(actions[..., :2], along), actions[..., 2:]], axis=-1)
+        origin, cos, sin = _frame(history)
+        away = np.concatenate([rotate(actions[..., :2], cos, sin), actions[..., 2:]], axis=-1)
         return origin + away
 
 
-def _frame(history: Array) -> tuple[Array, Array]:
-    """Origin (B, 1, 3) and direction (B, 1, 2) of the x axis."""
+def _frame(history: Array) -> tuple[Array, Array, Array]:
+    """Origin (B, 1, 3), and cosine and sine (B, 1) of the direction of the x axis."""
+    norm = functools.partial(np.linalg.norm, axis=-1, keepdims=True)
     last = history[:, -1:]
     goal = last[..., task.GOAL][..., :2]
     past = goal - task.pillars(last)[..., :2].mean(axis=-2)
-    along = goal - last[..., :2] + _NEAR * past / _length(past)
-    along = np.where(_length(along) < 1e-6, past, along)  # they cancel out
-    return last[..., task.TIP], along / _length(along)
-
-
-def _length(vectors: Array) -> Array:
-    return np.sqrt((vectors**2).sum(axis=-1, keepdims=True))
-
-
-def _turn(points: Array, along: Array, *, inverse: bool = False) -> Array:
-    """Points (B, n, 2) turned as the x axis is turned to `along` (B, 1, 2), or back."""
-    cos, sin = along[..., 0], -along[..., 1] if inverse else along[..., 1]
-    x, y = points[..., 0], points[..., 1]
-    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+    along = goal - last[..., :2] + _NEAR * past / norm(past)
+    along = np.where(norm(along) < 1e-6, past, along)  # they cancel out
+    cos, sin = np.moveaxis(along / norm(along), -1, 0)
+    return last[..., task.TIP], cos, sin

@@ -143,8 +143,8 @@ def solve(targets: Array, start: Array | None = None) -> Solution:
     for count in range(limit + 1):
         chain = forward(q[rows])
         away = targets[rows] - chain.tip
-        error[rows] = _length(away)
-        sine = _length(chain.down[:, :2])
+        error[rows] = np.linalg.norm(away, axis=1)
+        sine = np.linalg.norm(chain.down[:, :2], axis=1)
         tilt[rows] = np.where(chain.down[:, 2] < 0, sine, 2 - sine)
         if count == limit:
             break
@@ -161,7 +161,7 @@ def solve(targets: Array, start: Array | None = None) -> Solution:
 
 def _step(chain: Chain, away: Array, q: Array) -> Array:
     """(n, 7), one iteration of damped least squares."""
-    far = _length(away)[:, None]
+    far = np.linalg.norm(away, axis=1, keepdims=True)
     e = np.concatenate(
         [away * np.minimum(1.0, _FARTHEST / np.maximum(far, 1e-12)), -_LEVER * chain.down[:, :2]],
         axis=1,
@@ -174,10 +174,6 @@ def _step(chain: Chain, away: Array, q: Array) -> Array:
     rest = e - (jacobian @ posture[..., None])[..., 0]
     square = jacobian @ jacobian.swapaxes(1, 2) + damping[:, None, None] * np.eye(5)
     return posture + (jacobian.swapaxes(1, 2) @ np.linalg.solve(square, rest[..., None]))[..., 0]
-
-
-def _length(vectors: Array) -> Array:
-    return np.sqrt((vectors**2).sum(axis=1))
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -5,18 +5,14 @@ from __future__ import annotations
 import functools
 import importlib
 import os
-import re
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cotlearn.robots.arm import menagerie
 from cotlearn.robots.arm.task import GOAL, pillars
+from cotlearn.robots.task import Array
 
-OLDEST, TOO_NEW = (3, 3), (5, 0)  #: versions of MuJoCo: from the first on, and below the second
 _NO_OPENGL = "disable"
 _MJCF = Path(__file__).with_name("arm.xml").read_text(encoding="utf-8")
 
@@ -27,41 +23,25 @@ def mujoco() -> Any:
 
     Raises:
         ModuleNotFoundError: it is not installed.
-        ImportError: its version is not one that the arm works with.
     """
-    try:
-        module = _imported()
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            "the arm needs MuJoCo; install it with: pip install 'cotlearn[course]'",
-            name=error.name,
-        ) from error
-    version = tuple(int(part) for part in re.findall(r"\d+", module.__version__)[:2])
-    if not OLDEST <= version < TOO_NEW:
-        raise ImportError(
-            f"the arm needs MuJoCo {'.'.join(map(str, OLDEST))} or newer, below "
-            f"{'.'.join(map(str, TOO_NEW))}, but {module.__version__} is installed; "
-            "pip install 'cotlearn[course]' brings one that fits"
-        )
-    return module
-
-
-def _imported() -> Any:
+    wanted = os.environ.get("MUJOCO_GL")
     try:
         return importlib.import_module("mujoco")
-    except (ImportError, AttributeError, RuntimeError) as error:
+    except ModuleNotFoundError as error:
+        hint = "the arm needs MuJoCo; install it with: pip install 'cotlearn[course]'"
+        raise ModuleNotFoundError(hint, name=error.name) from error
+    except (ImportError, AttributeError, RuntimeError):
         # the OpenGL that MUJOCO_GL asks for is not there, and some versions import it at once
-        wanted = os.environ.get("MUJOCO_GL")
-        if isinstance(error, ModuleNotFoundError) or wanted in (None, _NO_OPENGL):
+        if wanted in (None, _NO_OPENGL):
             raise
         os.environ["MUJOCO_GL"] = _NO_OPENGL
         try:
             return importlib.import_module("mujoco")
         finally:
-            os.environ["MUJOCO_GL"] = wanted
+            os.environ["MUJOCO_GL"] = str(wanted)
 
 
-def scene(state: NDArray[np.float64], *, model: str = "capsules") -> ElementTree.Element:
+def scene(state: Array, *, model: str = "capsules") -> ElementTree.Element:
     """The MJCF of the arm with the pillars and the goal of a state (columns,).
 
     Args:
@@ -72,25 +52,13 @@ def scene(state: NDArray[np.float64], *, model: str = "capsules") -> ElementTree
     if model == "menagerie":
         menagerie.dress(root, menagerie.find())
     (world,) = root.iter("worldbody")
+    add = functools.partial(ElementTree.SubElement, world, "geom", {"class": "scene"})
     for number, (x, y, radius, height) in enumerate(pillars(state).tolist(), start=1):
-        ElementTree.SubElement(
-            world,
-            "geom",
-            {"class": "scene", "type": "capsule", "material": "pillar"},
-            name=f"pillar{number}",
-            size=repr(radius),
-            fromto=f"{x!r} {y!r} 0 {x!r} {y!r} {height - radius!r}",
-        )
-    ElementTree.SubElement(
-        world,
-        "geom",
-        {"class": "scene", "type": "sphere", "material": "goal"},
-        name="goal",
-        size="0.025",
-        pos=" ".join(repr(value) for value in state[GOAL].tolist()),
-        contype="0",
-        conaffinity="0",
-    )
+        ends = f"{x!r} {y!r} 0 {x!r} {y!r} {height - radius!r}"
+        look = {"type": "capsule", "material": "pillar"}
+        add(name=f"pillar{number}", size=repr(radius), fromto=ends, **look)
+    look = {"type": "sphere", "material": "goal", "contype": "0", "conaffinity": "0"}
+    add(name="goal", size="0.025", pos=" ".join(map(repr, state[GOAL].tolist())), **look)
     return root
 
 

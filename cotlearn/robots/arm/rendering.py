@@ -68,17 +68,16 @@ class Painter:
 
     Args:
         model: an `MjModel` of the arm; that of other worlds may differ in its pillars only.
-        width: of the pictures, pixels.
-        height: of the pictures, pixels.
+        size: width and height of the pictures, pixels.
         camera: of the model, "front", "above" or "wrist".
 
     Raises:
         RuntimeError: the camera at the wrist, where there is no OpenGL: it is not drawn.
     """
 
-    def __init__(self, model: Any, *, width: int, height: int, camera: str) -> None:
+    def __init__(self, model: Any, size: tuple[int, int], camera: str) -> None:
         self.how = backend()
-        self._model, self._size, self._camera = model, (width, height), camera
+        self._model, self._size, self._camera = model, size, camera
         self._context: Any = None
         if self.how != DRAWN:
             try:

@@ -111,17 +111,6 @@ class ArmVectorSim:
         """(n,), whether the episode is over: something has been touched, or the time is up."""
         return self._collision | (self._steps >= task.MAX_STEPS)
 
-    @property
-    def score(self) -> Array:
-        """(n,), 1 for a success, 0 during the episode and after touching something.
-
-        Without a touch, a miss by e metres gets 0.025 / (2 e): below a half.
-        """
-        error = self._goal_error()
-        miss = task.SUCCESS / (2 * np.maximum(error, task.SUCCESS))
-        value = np.where(error <= task.SUCCESS, 1.0, miss)
-        return np.where(self.done & ~self._collision, value, 0.0)
-
     def step(self, actions: ArrayLike, *, active: NDArray[np.bool_] | None = None) -> None:
         """Leads the tips to their targets for one control step.
 

@@ -1,23 +1,15 @@
-"""Demonstrations of Push-T: read and check them, split them, exchange them.
+"""Demonstrations: read and check them, split them, exchange them.
 
-``read(path)`` takes this course's `.npz`, Diffusion Policy's zarr and LeRobot's parquet layout.
+``read(path)`` takes this course's `.npz`, and of Push-T Diffusion Policy's zarr and LeRobot's
+parquet layout.
 """
 
 from cotlearn.renamed import renamed
 from cotlearn.robots.episodes.checked import Episodes, split
 from cotlearn.robots.episodes.lerobot import read_lerobot, write_lerobot
 from cotlearn.robots.episodes.pictures import write_pictures
-from cotlearn.robots.episodes.replay import read_replay_buffer
 from cotlearn.robots.episodes.store import read
 
-__all__ = [
-    "Episodes",
-    "read",
-    "read_lerobot",
-    "read_replay_buffer",
-    "split",
-    "write_lerobot",
-    "write_pictures",
-]
+__all__ = ["Episodes", "read", "read_lerobot", "split", "write_lerobot", "write_pictures"]
 
 __getattr__ = renamed(__name__, {"Windows": "cotlearn.policies.windows:Windows"})

@@ -75,15 +75,10 @@ class Episodes:
         lengths = self.lengths[chosen]
         ends = np.cumsum(lengths)
         rows = np.repeat(self.starts[chosen] - (ends - lengths), lengths) + np.arange(lengths.sum())
-        return replace(
-            self,
-            state=self.state[rows],
-            action=self.action[rows],
-            ends=ends,
-            intention=None if self.intention is None else self.intention[rows],
-            seed=None if self.seed is None else self.seed[chosen],
-            mode=None if self.mode is None else self.mode[chosen],
-        )
+        index_of = {"intention": rows, "seed": chosen, "mode": chosen}
+        known = {name: value for name in index_of if (value := getattr(self, name)) is not None}
+        some = {name: value[index_of[name]] for name, value in known.items()}
+        return replace(self, state=self.state[rows], action=self.action[rows], ends=ends, **some)
 
     def _set(
         self, name: str, array: NDArray[Any], kinds: str, shape: tuple[int, ...] | None

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cotlearn.files import atomic_path, write_text
 from cotlearn.robots.episodes.checked import Episodes, need
+from cotlearn.robots.plane import rotate
 from cotlearn.robots.push_t.geometry import corners, coverage
 from cotlearn.robots.push_t.task import CONTROL_SECONDS, KEYPOINTS, SUCCESS
 from cotlearn.robots.task import Array
@@ -101,10 +102,7 @@ def pose_of(points: Array) -> tuple[Array, Array]:
     along = (there * here).sum(axis=(1, 2))
     across = (here[:, 0] * there[..., 1] - here[:, 1] * there[..., 0]).sum(axis=1)
     angle = np.arctan2(across, along)
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y = own_middle
-    turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
-    pose = np.column_stack([middle - turned, angle])
+    pose = np.column_stack([middle - rotate(own_middle, np.cos(angle), np.sin(angle)), angle])
     miss = np.linalg.norm(corners(pose, points=KEYPOINTS) - points, axis=2).max(axis=1)
     return pose, miss
 

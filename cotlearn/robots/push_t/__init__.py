@@ -7,20 +7,9 @@ The task is that of Implicit Behavioral Cloning and Diffusion Policy, in the for
 from cotlearn.renamed import renamed
 from cotlearn.robots.push_t.geometry import corners, coverage
 from cotlearn.robots.push_t.simulation import PushTVectorSim, Simulation, random_state
-from cotlearn.robots.push_t.task import AGENT_RADIUS, GOAL, MAX_STEPS, SIZE, SUCCESS
+from cotlearn.robots.push_t.task import GOAL
 
-__all__ = [
-    "AGENT_RADIUS",
-    "GOAL",
-    "MAX_STEPS",
-    "SIZE",
-    "SUCCESS",
-    "PushTVectorSim",
-    "Simulation",
-    "corners",
-    "coverage",
-    "random_state",
-]
+__all__ = ["GOAL", "PushTVectorSim", "Simulation", "corners", "coverage", "random_state"]
 
 __getattr__ = renamed(
     __name__,

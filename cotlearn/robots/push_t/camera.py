@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from cotlearn.robots.push_t.rasteriser import rasterise
-from cotlearn.robots.task import Array
 
 SCENE = 6  #: columns of a scene at one step: agent x, y; T x, y, cosine and sine of its angle
 AGENT, PLACE, TURN = slice(0, 2), slice(2, 4), slice(4, 6)
@@ -35,12 +34,6 @@ class Camera:
     observe: int
     low: Sequence[float]
     high: Sequence[float]
-
-    @classmethod
-    def over(cls, observation_range: Array, *, size: int, observe: int) -> Camera:
-        """A camera for scenes that `Windows` of this range, (2, 6), have scaled."""
-        low, high = observation_range.tolist()
-        return cls(size, observe, low, high)
 
     @property
     def scene_dim(self) -> int:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cotlearn.robots.push_t import task
 from cotlearn.robots.push_t.geometry import corners
-from cotlearn.robots.push_t.rendering import draw
+from cotlearn.robots.push_t.rasteriser import draw
 from cotlearn.robots.push_t.simulation import Simulation, random_state
 from cotlearn.robots.task import check_actions
 from cotlearn.validation import check_choice
@@ -68,7 +68,7 @@ class PushT(gymnasium.Env[Any, Any]):
         self.render_mode = render_mode
         self.observation_space = copy.deepcopy(OBSERVATIONS[obs_type])  # each is seeded by itself
         self.action_space = spaces.Box(0.0, task.SIZE, shape=(2,), dtype=np.float32)
-        self._world: Simulation | None = None
+        self._world: Simulation
         self._action: tuple[float, float] | None = None
 
     def reset(
@@ -95,9 +95,9 @@ class PushT(gymnasium.Env[Any, Any]):
             TypeError: `action` is not made of real numbers.
             ValueError: it has not shape (2,), is not finite or lies outside the world.
         """
-        world, limits = self._running(), ((0.0, 0.0), (task.SIZE, task.SIZE))
+        limits = (0.0, 0.0), (task.SIZE, task.SIZE)
         x, y = check_actions(action, limits, "action", shape=(2,)).tolist()
-        world.step(x, y)
+        self._world.step(x, y)
         self._action = (x, y)
         info = self._info()
         reward = min(info["coverage"] / task.SUCCESS, 1.0)
@@ -107,7 +107,7 @@ class PushT(gymnasium.Env[Any, Any]):
         """A picture of (512, 512, 3), the last action marked by a cross; None without a mode."""
         if self.render_mode is None:
             return None
-        return draw(self._running().state, size=FRAME, action=self._action)
+        return draw(self._world.state, size=FRAME, action=self._action)
 
     def _start(self, options: dict[str, Any] | None) -> Any:
         if not options:
@@ -123,13 +123,8 @@ class PushT(gymnasium.Env[Any, Any]):
             raise ValueError(f"state must lie in the world, [0, 512]², got {state.tolist()}")
         return state
 
-    def _running(self) -> Simulation:
-        if self._world is None:
-            raise gymnasium.error.ResetNeeded("call reset() before step() or render()")
-        return self._world
-
     def _observe(self) -> Observation:
-        agent_x, agent_y, x, y, angle = state = self._running().state
+        agent_x, agent_y, x, y, angle = state = self._world.state
         if self.obs_type == "state":
             return np.array([agent_x, agent_y, x, y, angle % (2 * math.pi)])
         agent = np.array([agent_x, agent_y])
@@ -140,5 +135,5 @@ class PushT(gymnasium.Env[Any, Any]):
         return picture if self.obs_type == "pixels" else {"pixels": picture, "agent_pos": agent}
 
     def _info(self) -> dict[str, Any]:
-        coverage = self._running().coverage
+        coverage = self._world.coverage
         return {"coverage": coverage, "is_success": coverage > task.SUCCESS}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cotlearn.robots.plane import rotate
 from cotlearn.robots.push_t.task import GOAL
 from cotlearn.robots.task import Array, IdentityFrame
 
@@ -66,6 +67,4 @@ def _features(agent: Array, place: Array, angle: Array) -> Array:
 
 def _turn(points: Array, angle: Array) -> Array:
     """Points (..., 2) turned by angles (...)."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y = points[..., 0], points[..., 1]
-    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+    return rotate(points, np.cos(angle), np.sin(angle))

@@ -20,6 +20,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cotlearn.robots.plane import rotate
 from cotlearn.robots.push_t.task import AREA, GOAL, OUTLINE, RECTANGLES
 from cotlearn.robots.task import Array
 
@@ -40,10 +41,8 @@ def corners(pose: ArrayLike, points: ArrayLike = OUTLINE) -> Array:
         (..., m, 2).
     """
     pose, points = np.asarray(pose, dtype=np.float64), np.asarray(points, dtype=np.float64)
-    cos, sin = np.cos(pose[..., 2, None]), np.sin(pose[..., 2, None])
-    x = cos * points[:, 0] - sin * points[:, 1] + pose[..., 0, None]
-    y = sin * points[:, 0] + cos * points[:, 1] + pose[..., 1, None]
-    return np.stack([x, y], axis=-1)
+    angle = pose[..., 2, None]
+    return rotate(points, np.cos(angle), np.sin(angle)) + pose[..., None, :2]
 
 
 def coverage(pose: ArrayLike) -> Array:
@@ -56,9 +55,8 @@ def coverage(pose: ArrayLike) -> Array:
         (...), in [0, 1].
     """
     pose = np.asarray(pose, dtype=np.float64)
-    dx, dy = pose[..., 0] - GOAL[0], pose[..., 1] - GOAL[1]
-    x, y = _COS_GOAL * dx + _SIN_GOAL * dy, _COS_GOAL * dy - _SIN_GOAL * dx
-    points = corners(np.stack([x, y, pose[..., 2] - GOAL[2]], axis=-1))
+    place = rotate(pose[..., :2] - GOAL[:2], _COS_GOAL, -_SIN_GOAL)
+    points = corners(np.concatenate([place, pose[..., 2:] - GOAL[2]], axis=-1))
     x, y = points[..., 0], points[..., 1]
     area = sum(_area_inside(x, y, rectangle) for rectangle in RECTANGLES)
     return np.clip(area / AREA, 0.0, 1.0)

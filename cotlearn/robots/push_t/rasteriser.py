@@ -9,10 +9,11 @@ many that are on or off.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from cotlearn.robots.push_t import task
@@ -22,6 +23,8 @@ Colour = tuple[int, int, int]
 WHITE, WALL = (255, 255, 255), (211, 211, 211)
 OUTLINE, BLOCK = (144, 238, 144), (119, 136, 153)  #: goal and T
 AGENT = (65, 105, 225)
+CROSS = (220, 20, 60)
+_ARM, _STROKE = 16.0, 2.0  #: half of an arm of the cross that marks an action, and of its width
 #: The T's rectangles, x1 and y0, y1; both are symmetric in x, and overlap to hide the seam.
 _RECTANGLES = ((task.BAR[1], *task.BAR[2:]), (task.STEM[1], 0.0, task.STEM[3]))
 #: Pixels that are painted together: what stays in a core's cache is painted faster.
@@ -44,6 +47,33 @@ def rasterise(states: ArrayLike | Tensor, *, size: int = 96) -> Tensor:
     for part, some in zip(image.split(rows), values.split(rows), strict=True):
         part.copy_(_painted(some, size))
     return image.permute(0, 2, 3, 1)
+
+
+def draw(
+    state: Sequence[float] | NDArray[np.float64],
+    *,
+    size: int,
+    action: tuple[float, float] | None = None,
+) -> NDArray[np.uint8]:
+    """Draws the world, y pointing down as in gym-pusht's pictures; see `rasterise` for many.
+
+    Args:
+        state: agent x and y, T x, y and angle.
+        size: width and height of the picture in pixels.
+        action: marked by a cross if given.
+
+    Returns:
+        (size, size, 3).
+    """
+    picture = rasterise(np.array([state], dtype=np.float64), size=size)[0]
+    if action is not None:
+        x, y = grid(size)
+        right, down = (x - action[0]).abs(), (y - action[1]).abs()
+        across = torch.maximum(right - _ARM, down - _STROKE)
+        arms = torch.minimum(across, torch.maximum(right - _STROKE, down - _ARM))
+        image = paint(picture.permute(2, 0, 1).float(), arms, CROSS, pixel=task.SIZE / size)
+        picture = image.round_().to(torch.uint8).permute(1, 2, 0)
+    return np.ascontiguousarray(picture.numpy())
 
 
 def paint(image: Tensor, distance: Tensor, colour: Colour, *, pixel: float) -> Tensor:

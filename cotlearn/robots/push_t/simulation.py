@@ -161,7 +161,7 @@ def _world(agent_x: float, agent_y: float, x: float, y: float, angle: float) -> 
     agent = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
     agent.position = agent_x, agent_y
     space.add(agent, pymunk.Circle(agent, task.AGENT_RADIUS))
-    bar, stem = ([(x0, y0), (x1, y0), (x1, y1), (x0, y1)] for x0, x1, y0, y1 in task.RECTANGLES)
+    bar, stem = task.KEYPOINTS[:4], task.KEYPOINTS[4:]
     # gym-pusht takes the bar's moment of inertia for the stem, too.
     block = pymunk.Body(task.MASS, 2 * pymunk.moment_for_poly(task.MASS, bar))
     shapes = [pymunk.Poly(block, bar), pymunk.Poly(block, stem)]

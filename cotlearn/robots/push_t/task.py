@@ -20,28 +20,14 @@ STEM = (-15.0, 15.0, 30.0, 120.0)
 RECTANGLES = (BAR, STEM)
 AREA = sum((x1 - x0) * (y1 - y0) for x0, x1, y0, y1 in RECTANGLES)
 
+_X = (-60.0, 60.0, 60.0, 15.0, 15.0, -15.0, -15.0, -60.0)
+_Y = (0.0, 0.0, 30.0, 30.0, 120.0, 120.0, 30.0, 30.0)
 #: The outline of the T, counterclockwise where y points up.
-OUTLINE = (
-    (-60.0, 0.0),
-    (60.0, 0.0),
-    (60.0, 30.0),
-    (15.0, 30.0),
-    (15.0, 120.0),
-    (-15.0, 120.0),
-    (-15.0, 30.0),
-    (-60.0, 30.0),
-)
+OUTLINE = tuple(zip(_X, _Y, strict=True))
 
 #: The corners of bar and stem, in the order of gym-pusht's keypoints.
-KEYPOINTS = (
-    (-60.0, 0.0),
-    (60.0, 0.0),
-    (60.0, 30.0),
-    (-60.0, 30.0),
-    (-15.0, 30.0),
-    (15.0, 30.0),
-    (15.0, 120.0),
-    (-15.0, 120.0),
+KEYPOINTS = tuple(
+    corner for x0, x1, y0, y1 in RECTANGLES for corner in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
 )
 
 PIXEL = 1 / 32  #: unit of stored places, pixels; the expert's actions are multiples of it

@@ -1,5 +1,5 @@
 """The planned demonstrator of Push-T."""
 
-from cotlearn.robots.experts.push_t.expert import Options, PushTExpert
+from cotlearn.robots.experts.push_t.expert import PushTExpert
 
-__all__ = ["Options", "PushTExpert"]
+__all__ = ["PushTExpert"]

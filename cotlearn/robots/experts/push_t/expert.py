@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.robots.experts.push_t import plan
-from cotlearn.robots.experts.push_t.pushes import Pushes, library, target_of_push
-from cotlearn.robots.experts.push_t.route import (
-    TURNS,
-    Routes,
-    clearance,
-    distance,
-    step_back,
-)
-from cotlearn.robots.push_t import MAX_STEPS, SIZE, SUCCESS, Simulation, corners, random_state
-from cotlearn.robots.push_t.task import AGENT_RADIUS, PIXEL, WALL_RADIUS, WALLS
+from cotlearn.robots.experts.push_t.pushes import library, push_targets
+from cotlearn.robots.experts.push_t.route import TURNS, Routes, clearance, distance, step_back
+from cotlearn.robots.plane import rotate
+from cotlearn.robots.push_t import Simulation, corners, random_state, task
+from cotlearn.robots.push_t.task import AGENT_RADIUS, PIXEL, SIZE, SUCCESS, WALL_RADIUS, WALLS
 from cotlearn.robots.task import Array, Demonstration
 
 #: Steps: a side of the T that costs this much more than the best is e times rarer.
@@ -38,17 +33,19 @@ _INSIDE = WALLS[0] + WALL_RADIUS, WALLS[1] - WALL_RADIUS  #: where walls leave r
 
 @dataclass(frozen=True)
 class Options:
-    """The pushes among which the expert chooses at a state.
+    """The m pushes among which the expert chooses at a state.
 
     Attributes:
-        pushes: m of the library.
+        rows: (m,), their numbers in the library.
         cost: (m,), steps to the goal: on the way, while pushing and after it.
         probability: (m,).
+        found: for `Routes.way`, the ways to where they begin.
     """
 
-    pushes: Pushes
+    rows: NDArray[np.int64]
     cost: Array
     probability: Array
+    found: list[Array]
 
 
 class PushTExpert:
@@ -80,22 +77,19 @@ class PushTExpert:
             actions.append(action)
             intentions.append(intention)
             world.step(*action.tolist())
-            if world.coverage > SUCCESS or len(states) == MAX_STEPS:
+            if world.coverage > SUCCESS or len(states) == task.MAX_STEPS:
                 break
         success = world.coverage > SUCCESS
         return Demonstration(np.array(states), np.array(actions), np.array(intentions), success)
 
-    def options(self, state: ArrayLike) -> Options:
-        """The pushes that may be chosen at a state (5,), and how likely each is."""
-        chosen, cost, probability, _ = self._options(np.asarray(state, dtype=np.float64))
-        return Options(self.pushes[chosen], cost, probability)
-
-    def first_sides(self, state: ArrayLike) -> Array:
+    def first_sides(self, state: Array) -> Array:
         """(8,), the probability that the next push is on each side of the T: the expert's modes."""
         options = self.options(state)
-        return np.bincount(options.pushes.side, options.probability, minlength=8).astype(float)
+        sides = self.pushes.side[options.rows]
+        return np.bincount(sides, options.probability, minlength=8).astype(float)
 
-    def _options(self, state: Array) -> tuple[NDArray[np.int64], Array, Array, list[Array]]:
+    def options(self, state: Array) -> Options:
+        """The pushes that may be chosen at a state (5,), and how likely each is."""
         pose = state[2:]
         relative = plan.relative_pose(pose)
         future = plan.after(relative, self.pushes)
@@ -114,7 +108,7 @@ class PushTExpert:
         near = possible if len(possible) else near[:1]
         probability = _softmax_by_side(cost[near], self.pushes.side[near])
         kept = probability > 0
-        return near[kept], cost[near][kept], probability[kept], found
+        return Options(near[kept], cost[near][kept], probability[kept], found)
 
     def _possible(self, rows: NDArray[np.int64], pose: Array, future: Array) -> NDArray[np.bool_]:
         """Whether the agent stays in the world and the T clear of the walls."""
@@ -125,23 +119,21 @@ class PushTExpert:
         out_now = _out_of_walls(pose[None])[0]
         return agent & (_out_of_walls(plan.world_pose(future)) <= max(out_now, 0.0))
 
-    def _targets(
-        self, world: Simulation, generator: np.random.Generator
-    ) -> Generator[Array, None, None]:
+    def _targets(self, world: Simulation, generator: np.random.Generator) -> Iterator[Array]:
         while True:
             state = np.array(world.state)
-            rows, _, probability, found = self._options(state)
-            row = int(generator.choice(rows, p=probability))
+            options = self.options(state)
+            row = int(generator.choice(options.rows, p=options.probability))
             pose = state[2:]
             start = self.pushes.start[row]
             agent = _to_body(state[:2], pose)
-            turns = self._routes.way(int(self._place[row]), found)
+            turns = self._routes.way(int(self._place[row]), options.found)
             way = np.vstack([agent, step_back(agent), turns, start])
             length = float(self.pushes.length[row])
             arrived = yield from _travel(world, corners(pose, way), min(max(0.15 * length, 3), 6))
             if arrived:
                 direction = corners((0, 0, pose[2]), self.pushes.direction[row][None])[0]
-                yield from _push(world, corners(pose, start[None])[0], direction, length)
+                yield from push_targets(world, corners(pose, start[None])[0], direction, length)
 
 
 def _softmax_by_side(cost: Array, side: NDArray[np.int64]) -> Array:
@@ -189,16 +181,6 @@ def _travel(world: Simulation, way: Array, tolerance: float) -> Generator[Array,
     return False
 
 
-def _push(
-    world: Simulation, start: Array, direction: Array, length: float
-) -> Generator[Array, None, None]:
-    for _ in range(30):
-        target = target_of_push(start, direction, length, np.array(world.state[:2]))
-        if target is None:
-            return
-        yield target
-
-
 def _fine(way: Array) -> Array:
     """Points along a way, `_GRAIN` apart."""
     pieces = [way[:1]]
@@ -209,9 +191,7 @@ def _fine(way: Array) -> Array:
 
 
 def _to_body(points: Array, pose: Array) -> Array:
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    dx, dy = points[..., 0] - pose[0], points[..., 1] - pose[1]
-    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx], axis=-1)
+    return rotate(points - pose[:2], math.cos(pose[2]), -math.sin(pose[2]))
 
 
 def _out_of_walls(pose: Array) -> Array:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,15 +37,15 @@ SWEEPS = 20  #: at most; some 11 are enough
 _MIDDLE = np.array(CENTRE_OF_GRAVITY)
 
 
+@dataclass(frozen=True)
 class Value:
     """Steps to the goal, interpolated on the grid.
 
-    Args:
+    Attributes:
         table: (PLACES, PLACES, TURNS) for x, y and angle.
     """
 
-    def __init__(self, table: Array) -> None:
-        self.table = table
+    table: Array
 
     def __call__(self, relative: Array) -> Array:
         """(n,), the value of relative poses (n, 3)."""

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cotlearn.robots.experts.push_t.route import distance
-from cotlearn.robots.push_t import AGENT_RADIUS, Simulation, corners
-from cotlearn.robots.push_t.task import CENTRE_OF_GRAVITY, OUTLINE
+from cotlearn.robots.plane import rotate
+from cotlearn.robots.push_t import Simulation, corners
+from cotlearn.robots.push_t.task import AGENT_RADIUS, CENTRE_OF_GRAVITY, OUTLINE
 from cotlearn.robots.task import Array
 
 GAP = 4.0  #: between agent and T before a push, pixels
@@ -58,12 +60,15 @@ class Pushes:
         return Pushes(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
-def target_of_push(start: Array, direction: Array, length: float, agent: Array) -> Array | None:
-    """Where to pull the agent during a push; None when the push is over."""
-    done = float((agent - start) @ direction)
-    if done > length - CLOSE:
-        return None
-    return start + min(done + AHEAD, length) * direction
+def push_targets(
+    world: Simulation, start: Array, direction: Array, length: float
+) -> Iterator[Array]:
+    """Where to pull the agent at each step of a push, until it is over; all in the world."""
+    for _ in range(MOST_STEPS):
+        done = float((np.array(world.state[:2]) - start) @ direction)
+        if done > length - CLOSE:
+            return
+        yield start + min(done + AHEAD, length) * direction
 
 
 @functools.lru_cache(maxsize=1)
@@ -72,10 +77,7 @@ def library() -> Pushes:
     rows = []
     for start, normal, side in _starts():
         for angle in ANGLES:
-            cos, sin = math.cos(angle), math.sin(angle)
-            direction = np.array(
-                [cos * normal[0] - sin * normal[1], sin * normal[0] + cos * normal[1]]
-            )
+            direction = rotate(normal, math.cos(angle), math.sin(angle))
             for length in LENGTHS:
                 shift, turn, steps = _simulate(start, direction, length)
                 if abs(shift).sum() + 40 * abs(turn) > 0.3:
@@ -85,18 +87,12 @@ def library() -> Pushes:
     mirrored[:, [0, 2, 5, 7]] *= -1
     mirrored[:, 9] = np.array(_MIRRORED_SIDE)[table[:, 9].astype(int)]
     table = np.concatenate([table, mirrored[table[:, 0] > 0]])
-    return Pushes(
-        start=table[:, 0:2],
-        direction=table[:, 2:4],
-        length=table[:, 4],
-        shift=table[:, 5:7],
-        turn=table[:, 7],
-        steps=table[:, 8],
-        side=table[:, 9].astype(np.int64),
-    )
+    start, direction, shift = table[:, 0:2], table[:, 2:4], table[:, 5:7]
+    length, turn, steps, side = table[:, [4, 7, 8, 9]].T
+    return Pushes(start, direction, length, shift, turn, steps, side.astype(np.int64))
 
 
-_MIRRORED_SIDE = (0, 7, 6, 5, 4, 3, 2, 1)  # sides are numbered round the T, from the bar's edge
+_MIRRORED_SIDE = (0, 7, 6, 5, 4, 3, 2, 1)  # sides are numbered around the T, from the bar's edge
 
 
 def _starts() -> list[tuple[Array, Array, int]]:
@@ -118,13 +114,9 @@ def _starts() -> list[tuple[Array, Array, int]]:
 def _simulate(start: Array, direction: Array, length: float) -> tuple[Array, float, int]:
     here = np.array([256.0, 256.0])
     world = Simulation([*(here + start), *here, 0.0])
-    middle = here + _MIDDLE
     steps = 0
-    while steps < MOST_STEPS:
-        target = target_of_push(here + start, direction, length, np.array(world.state[:2]))
-        if target is None:
-            break
+    for target in push_targets(world, here + start, direction, length):
         world.step(*target.tolist())
         steps += 1
     pose = world.state[2:]
-    return corners(pose, [_MIDDLE])[0] - middle, pose[2], steps
+    return corners(pose, [_MIDDLE])[0] - (here + _MIDDLE), pose[2], steps

@@ -13,18 +13,10 @@ from cotlearn.robots.task import Array
 CLEAR = AGENT_RADIUS + 3.0  #: a way keeps this far from the T, centre of the agent to the T
 _MARGIN = AGENT_RADIUS + 5.0  #: of the turning points
 
-#: Shortest ways turn only at the six outer corners of the T.
-TURNS = np.array(
-    [
-        (-60 - _MARGIN, -_MARGIN),
-        (60 + _MARGIN, -_MARGIN),
-        (60 + _MARGIN, 30 + _MARGIN),
-        (15 + _MARGIN, 120 + _MARGIN),
-        (-15 - _MARGIN, 120 + _MARGIN),
-        (-60 - _MARGIN, 30 + _MARGIN),
-    ]
-)
 _CORNERS = np.array(OUTLINE)
+_OUTWARDS = np.array([(-1, -1), (1, -1), (1, 1), (1, 1), (-1, 1), (-1, 1)])
+#: Shortest ways turn only at the six outer corners of the T.
+TURNS = _CORNERS[[0, 1, 2, 4, 5, 7]] + _MARGIN * _OUTWARDS
 _AROUND = np.array([(math.cos(a), math.sin(a)) for a in np.arange(24) * (2 * math.pi / 24)])
 
 

@@ -1,0 +1,13 @@
+"""Turning in the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cotlearn.robots.task import Array
+
+
+def rotate(points: Array, cos: Array | float, sin: Array | float) -> Array:
+    """Points (..., 2) turned by the angles with these cosines and sines (...)."""
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
