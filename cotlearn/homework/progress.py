@@ -6,6 +6,7 @@ user's home.
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import json
 import os
@@ -32,14 +33,10 @@ def in_notebook() -> bool:
     return shell is not None and "IPKernelApp" in shell.config
 
 
-def read(path: Path | None = None) -> dict[str, dict[str, str]]:
-    """Returns {exercise: {"verdict": ..., "when": ...}}; empty if nothing can be read.
-
-    Args:
-        path: Another file than `file()`.
-    """
+def read() -> dict[str, dict[str, str]]:
+    """Returns {exercise: {"verdict": ..., "when": ...}}; empty if nothing can be read."""
     try:
-        stored = json.loads((path or file()).read_text(encoding="utf-8"))["exercises"]
+        stored = json.loads(file().read_text(encoding="utf-8"))["exercises"]
         return {
             str(name): {"verdict": item["verdict"], "when": item["when"]}
             for name, item in stored.items()
@@ -48,25 +45,17 @@ def read(path: Path | None = None) -> dict[str, dict[str, str]]:
         return {}
 
 
-def remember(verdicts: dict[str, str], path: Path | None = None) -> bool:
+def remember(verdicts: dict[str, str]) -> None:
     """Adds verdicts to the file; an exercise that is "not attempted yet" keeps its old one.
+
+    A file that cannot be written is no reason to stop a learner.
 
     Args:
         verdicts: {exercise: verdict}.
-        path: Another file than `file()`.
-
-    Returns:
-        False if the file could not be written, which is no reason to stop a learner.
     """
-    path = path or file()
     now = datetime.datetime.now().isoformat(timespec="seconds")
-    known = read(path)
-    for name, verdict in verdicts.items():
-        if verdict != "not attempted yet":
-            known[name] = {"verdict": verdict, "when": now}
+    attempted = {name: v for name, v in verdicts.items() if v != "not attempted yet"}
+    known = read() | {name: {"verdict": v, "when": now} for name, v in attempted.items()}
     text = json.dumps({"exercises": known}, indent=1, sort_keys=True) + "\n"
-    try:
-        write_text(path, text)
-    except OSError:
-        return False
-    return True
+    with contextlib.suppress(OSError):
+        write_text(file(), text)

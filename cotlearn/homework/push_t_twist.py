@@ -5,6 +5,7 @@ The obstacle is not solid: the finger may run over it, and that is counted.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -54,17 +55,14 @@ def covered(states: Array, goal: tuple[float, float, float]) -> Array:
     return np.asarray(coverage(np.column_stack([place, states[:, 4] + turn])))
 
 
-def play(
-    act: Callable[[Array], Array], twist: Twist, *, episodes: int = 20, max_steps: int = MAX_STEPS
-) -> Played:
-    """Plays episodes side by side; their starts are outside of the obstacle.
+def play(act: Callable[[Array], Array], twist: Twist, *, episodes: int = 20) -> Played:
+    """Plays episodes side by side, all to `MAX_STEPS`; their starts are outside of the obstacle.
 
     Args:
         act: Histories of two states, (E, 2, 5), to actions (E, n, 2) in the world; all n are done
             before it is asked again.
         twist: The goal and the obstacle.
         episodes: How many.
-        max_steps: Control steps; an episode does not end early.
 
     Raises:
         ValueError: `act` returns another shape, or places outside the world.
@@ -72,7 +70,7 @@ def play(
     sim = PushTVectorSim(_starts(check_count(episodes, "episodes"), twist))
     path = [sim.states]
     plan = np.zeros((episodes, 0, 2))
-    for _ in range(check_count(max_steps, "max_steps")):
+    for _ in range(MAX_STEPS):
         if plan.shape[1] == 0:
             plan = np.asarray(act(np.stack([path[max(len(path) - 2, 0)], path[-1]], axis=1)))
             if plan.ndim != 3 or plan.shape[::2] != (episodes, 2) or plan.shape[1] == 0:
@@ -94,11 +92,7 @@ def _inside(states: Array, twist: Twist) -> NDArray[np.bool_]:
 
 
 def _starts(episodes: int, twist: Twist) -> Array:
-    seed = 2_000_000  # evaluation begins at 1_000_000
-    found: list[tuple[float, ...]] = []
-    while len(found) < episodes:
-        state = random_state(np.random.default_rng(seed))
-        seed += 1
-        if not _inside(np.array(state), twist):
-            found.append(state)
-    return np.array(found)
+    seeds = itertools.count(2_000_000)  # those of evaluation begin at 1_000_000
+    drawn = (np.array(random_state(np.random.default_rng(seed))) for seed in seeds)
+    free = (state for state in drawn if not _inside(state, twist))
+    return np.array(list(itertools.islice(free, episodes)))

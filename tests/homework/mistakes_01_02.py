@@ -104,6 +104,7 @@ MISTAKES = [
     ("02.transport_cost", lambda x0, x1, p: squares(x0[p], x1, ...).sum(1).mean(), "belongs to x1"),
     ("02.transport_cost", lambda x0, x1, p: squares(x0, x1, ...).sum(1).mean(), "not used"),
     ("02.transport_cost", lambda x0, x1, p: squares(x0, x1, p).sum(1), "one number"),
+    ("02.transport_cost", lambda x0, x1, p: 7, "for these data expected"),
     ("02.cheapest_pairing", lambda x0, x1: torch.cdist(x0, x1).argmin(dim=1), "not a permutation"),
     ("02.cheapest_pairing", greedy, "greedy"),
     ("02.cheapest_pairing", lambda x0, x1: columns(torch.cdist(x0, x1)), "squared distance"),

@@ -37,7 +37,7 @@ MISTAKES = [
     ("05.evaluations", lambda B, K: 2 * B * K, "B rows only"),
     ("05.evaluations", lambda B, K: B * K, "add t = 1"),
     ("05.evaluations", lambda B, K: B, "add t = 0"),
-    ("05.evaluations", lambda B, K: 7, "distinct conditions"),
+    ("05.evaluations", lambda B, K: 7, "expected 320"),
     ("05.evaluations", lambda B, K: "many", "one number"),
     ("05.at_zero", lambda x0, x1: torch.cdist(x1, x0).square(), "transposed"),
     ("05.at_zero", torch.cdist, "squared"),

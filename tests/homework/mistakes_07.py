@@ -37,7 +37,7 @@ MISTAKES = [
     ("07.to_body", lambda x, pose: turn(x, -pose[2]), "place first"),
     ("07.to_body", lambda x, pose: turn(x, pose[2]) + pose[:2], "to the world"),
     ("07.to_body", lambda x, pose: turn(pose[:2] - x, -pose[2]), "point minus place"),
-    ("07.to_body", lambda x, pose: x * 0 + 9, "should become"),
+    ("07.to_body", lambda x, pose: x * 0 + 9, "expected [["),
     ("07.to_body", lambda x, pose: x[0], "shape (3, 2)"),
     ("07.to_body", lambda x, pose: "here", "array of points"),
     ("07.to_body", "here", "expected a function"),

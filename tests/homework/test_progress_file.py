@@ -2,16 +2,25 @@
 
 import json
 
+import pytest
+
 from cotlearn import assets
 from cotlearn.homework import progress
 
 
-def test_verdicts_are_kept(tmp_path):
+@pytest.fixture
+def path(tmp_path, monkeypatch):
+    """The file, in a folder that does not exist yet."""
     path = tmp_path / "deep" / "progress.json"
-    assert progress.read(path) == {}
-    assert progress.remember({"01.a": "correct", "01.b": "not yet"}, path)
-    assert progress.remember({"01.a": "not attempted yet", "01.b": "correct"}, path)
-    known = progress.read(path)
+    monkeypatch.setattr(progress, "file", lambda: path)
+    return path
+
+
+def test_verdicts_are_kept(path):
+    assert progress.read() == {}
+    progress.remember({"01.a": "correct", "01.b": "not yet"})
+    progress.remember({"01.a": "not attempted yet", "01.b": "correct"})
+    known = progress.read()
     assert {name: item["verdict"] for name, item in known.items()} == {
         "01.a": "correct",
         "01.b": "correct",
@@ -19,18 +28,19 @@ def test_verdicts_are_kept(tmp_path):
     assert known["01.a"]["when"][:2] == "20"
 
 
-def test_a_damaged_file_is_begun_anew(tmp_path):
-    path = tmp_path / "progress.json"
+def test_a_damaged_file_is_begun_anew(path):
+    path.parent.mkdir()
     for content in ("", "{", "[]", '{"exercises": 3}', '{"exercises": {"a": 1}}'):
         path.write_text(content)
-        assert progress.read(path) == {}
-    assert progress.remember({"01.a": "correct"}, path)
+        assert progress.read() == {}
+    progress.remember({"01.a": "correct"})
     assert json.loads(path.read_text())["exercises"]["01.a"]["verdict"] == "correct"
 
 
-def test_a_file_that_cannot_be_written_stops_nobody(tmp_path):
-    (tmp_path / "file").touch()
-    assert not progress.remember({"01.a": "correct"}, tmp_path / "file" / "progress.json")
+def test_a_file_that_cannot_be_written_stops_nobody(path):
+    path.parent.touch()
+    progress.remember({"01.a": "correct"})
+    assert progress.read() == {}
 
 
 def test_the_place(monkeypatch, tmp_path):

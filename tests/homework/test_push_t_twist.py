@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from cotlearn.homework import push_t_twist
 from cotlearn.homework.push_t_twist import Twist, covered, play
 from cotlearn.robots.push_t import GOAL, coverage
 
@@ -22,7 +23,7 @@ def test_a_t_on_the_new_goal_covers_it():
     assert covered(np.array([[0, 0, 310, 180, -2 + math.pi]]), goal)[0] < 0.6
 
 
-def test_episodes():
+def test_episodes(monkeypatch):
     asked = []
 
     def stay(history):
@@ -30,12 +31,14 @@ def test_episodes():
         return np.repeat(history[:, -1:, :2], 4, axis=1)
 
     twist = Twist(obstacle=(256.0, 256.0, 100.0))
-    game = play(stay, twist, episodes=3, max_steps=8)
+    monkeypatch.setattr(push_t_twist, "MAX_STEPS", 8)
+    game = play(stay, twist, episodes=3)
     assert asked == [(3, 2, 5)] * 2
     assert game.path.shape == (9, 3, 5)
     assert (np.hypot(*(game.path[0, :, :2] - 256).T) >= 100).all()
     assert (game.touched == 0).all()
-    inside = play(lambda h: np.full((3, 1, 2), 256.0), twist, episodes=3, max_steps=30)
+    monkeypatch.setattr(push_t_twist, "MAX_STEPS", 30)
+    inside = play(lambda h: np.full((3, 1, 2), 256.0), twist, episodes=3)
     assert (inside.touched > 5).all()
     assert (inside.coverage >= 0).all()
 

@@ -108,12 +108,16 @@ def _returned(answer: Any, case: Case) -> Any:
 
 
 def _expected(case: Case, found: Any) -> str:
-    if not isinstance(found, float):
+    if isinstance(case.right, str):
         return f"expected {case.right!r}, got {found!r}"
     given = case.given or ()
-    short = all(np.size(item) <= 12 for item in given)
-    where = ", ".join(str(np.round(item, 3).tolist()) for item in given) if short else "these data"
-    return f"for {where} expected {case.right:.4g}, got {found:.4g}"
+    short = all(np.asarray(item).size <= 12 for item in given)
+    where = ", ".join(map(_rounded, given)) if short else "these data"
+    return f"for {where} expected {_rounded(case.right)}, got {_rounded(found)}"
+
+
+def _rounded(value: Any) -> str:
+    return str(np.round(np.asarray(value, dtype=np.float64), 4).tolist())
 
 
 def _like(case: Case, value: Any) -> Any:
@@ -196,7 +200,7 @@ def same(
 ) -> bool:
     """Whether two results are equal, numbers up to rounding."""
     if isinstance(b, str | list):
-        return a == b
+        return isinstance(a, type(b)) and a == b
     left, right = (np.asarray(value, dtype=np.float64) for value in (a, b))
     return left.shape == right.shape and np.allclose(left, right, rtol=tolerance, atol=tolerance)
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from cotlearn.homework.checks.common import Array, Case, Cases, table, turned
+from cotlearn.homework.checks.common import Case, Cases, table, turned
 
 
 @table("07.perplexity")
@@ -32,23 +32,14 @@ def to_body() -> Cases:
     """R(-angle) (point - place)."""
     points = np.array([[256.0, 256.0], [100.0, 40.0], [300.0, 410.0]])
     for pose in ((200.0, 300.0, 0.0), (256.0, 256.0, math.pi / 2), (120.0, 340.0, 0.7)):
-        yield _to_body(points, np.array(pose))
-
-
-def _to_body(points: Array, pose: Array) -> Case:
-    place, angle = pose[:2], pose[2]
-    right = turned(points - place, -angle)
-    wrong = {
-        "moved, and not turned: turn by minus the angle": points - place,
-        "turned the wrong way: by minus the angle": turned(points - place, angle),
-        "first subtract the T's place, then turn": turned(points, -angle) - place,
-        "subtract the T's place first": turned(points, -angle),
-        "that leads from the body frame to the world": turned(points, angle) + place,
-        "point minus place, not place minus point": turned(place - points, -angle),
-    }
-
-    def otherwise(found: Array) -> str:
-        at, expected, got = (x.round(2).tolist() for x in (pose, right[0], found[0]))
-        return f"at pose {at} the point (256, 256) should become {expected}, got {got}"
-
-    return Case((points, pose), right, wrong, otherwise, "the array of points")
+        place, angle = np.array(pose[:2]), pose[2]
+        wrong = {
+            "moved, and not turned: turn by minus the angle": points - place,
+            "turned the wrong way: by minus the angle": turned(points - place, angle),
+            "first subtract the T's place, then turn": turned(points, -angle) - place,
+            "subtract the T's place first": turned(points, -angle),
+            "that leads from the body frame to the world": turned(points, angle) + place,
+            "point minus place, not place minus point": turned(place - points, -angle),
+        }
+        right = turned(points - place, -angle)
+        yield Case((points, np.array(pose)), right, wrong, what="the array of points")
