@@ -1,6 +1,11 @@
 """Old names work for one minor version, and say what they are called now."""
 
+import ast
 import importlib
+import inspect
+import json
+import warnings
+from pathlib import Path
 
 import pytest
 
@@ -28,3 +33,24 @@ def test_a_name_that_changed_is_found_with_a_warning():
 def test_other_names_are_unknown():
     with pytest.raises(AttributeError, match="has no attribute 'never'"):
         renamed("cotlearn.metrics", {})("never")
+
+
+FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
+NOTEBOOKS = sorted(path for path in FOLDER.rglob("*.ipynb") if "/." not in path.as_posix())
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_no_notebook_uses_an_old_name(path):
+    cells = json.loads(path.read_text("utf-8"))["cells"]
+    code = "".join("".join(c["source"]) + "\n" for c in cells if c["cell_type"] == "code")
+    plain = "\n".join(x for x in code.splitlines() if not x.lstrip().startswith(("!", "%")))
+    nodes, names = list(ast.walk(ast.parse(plain))), {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", FutureWarning)
+        for node in nodes:
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                exec(ast.unparse(node), names)
+        for node in nodes:
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                owner = names.get(node.value.id)
+                assert not inspect.ismodule(owner) or hasattr(owner, node.attr), ast.unparse(node)
