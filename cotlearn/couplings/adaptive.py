@@ -3,35 +3,34 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
-import torch
-from numpy.typing import NDArray
-from torch import Tensor
 
-from cotlearn.couplings.base import Index, squared_distances
+from cotlearn.couplings.base import Array, Index
 from cotlearn.couplings.conditional import ConditionalOT
-from cotlearn.validation import check_choice, check_number
+from cotlearn.validation import check_number
 
 ADAPTIVE = "adaptive"
-COSTS = ("squared", "cosine")
 RESOLUTION = 16  #: weights are powers of 2^(1/16): 4 % apart
 GRID = range(-200 * RESOLUTION, 1000 * RESOLUTION)  #: of their exponents, in sixteenths
 
 
 @dataclass(repr=False)
 class AdaptiveConditionalOT(ConditionalOT):
-    """C2OT (Cheng & Schwing 2503.10636): cost |x0_i - x1_j|^2 + w C(c_i, c_j).
+    """C2OT (Cheng & Schwing 2503.10636): cost |x0_i - x1_j|^2 + w |c_i - c_j|^2.
 
     For each batch w is the smallest weight for which the share of candidates
-    r(w) = mean_ij [ M_ij + w C_ij <= M_jj ] is at most the target, M being the sample cost and
-    M_jj that of data j with the noise of its own condition. r falls from r(0), about 1/2, to
-    r(infinity), which counts only equal conditions. Weights lie on a grid of powers of 2^(1/16).
+    r(w) = mean_ij [ M_ij + w C_ij <= M_jj ] is at most the target. M is the sample cost, C that of
+    the conditions, and M_jj pairs data j with the noise of its own condition. r falls from r(0),
+    about 1/2, to r(infinity), which counts only equal conditions. Weights lie on a grid of powers
+    of 2^(1/16).
+
+    The cosine distance of C2OT's image features is half the squared distance of unit vectors: give
+    `condition=torch.nn.functional.normalize`.
 
     Args:
         target_ratio: the share of candidates, in (0, 1) (paper: 0.05 on moons, 0.2 on images).
-        cost: "squared" distance of conditions, or "cosine" distance.
         label: as in `ConditionalOT`.
         condition: as in `ConditionalOT`.
 
@@ -41,8 +40,6 @@ class AdaptiveConditionalOT(ConditionalOT):
 
     condition_weight: float | str = field(default=ADAPTIVE, init=False)
     target_ratio: float = 0.05
-    _: KW_ONLY
-    cost: str = "squared"
 
     name = "adaptive"
     rules = (ADAPTIVE,)
@@ -51,24 +48,9 @@ class AdaptiveConditionalOT(ConditionalOT):
         super().__post_init__()
         if not 0 < check_number(self.target_ratio, "target_ratio") < 1:
             raise ValueError(f"target_ratio must lie between 0 and 1, got {self.target_ratio}")
-        check_choice(self.cost, "cost", COSTS)
-
-    def condition_cost(self, c0: Tensor, c: Tensor) -> NDArray[np.float64]:
-        """C(c0_i, c_j), shape (B, B); the conditions that came in are not changed."""
-        if self.cost == "squared":
-            return squared_distances(c0, c)
-        if not (c.any(dim=1).all() and c0.any(dim=1).all()):
-            raise ValueError("cost 'cosine' needs a direction, but rows of the condition c are 0")
-        unit0, unit = (torch.nn.functional.normalize(v.double(), dim=1) for v in (c0, c))
-        similarity = (unit0 @ unit.T).clamp(-1, 1).cpu().numpy()
-        distance: NDArray[np.float64] = 1 - similarity
-        return np.where(distance < 1e-12, 0.0, distance)  # equal up to rounding is equal
 
     def weight(
-        self,
-        sample_cost: NDArray[np.float64],
-        condition_cost: NDArray[np.float64],
-        noise_condition_index: Index,
+        self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
     ) -> float:
         """The smallest weight on the grid with r(w) <= target_ratio; 0 if r(0) is already."""
         partner = np.argsort(noise_condition_index)  # the noise row that has condition j

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from cotlearn.couplings.assignment import exact_permutation, sinkhorn_plan
-from cotlearn.couplings.base import Coupling, Match, squared_distances, to_numpy
+from cotlearn.couplings.base import Array, Coupling, Index, Match, squared_distances, to_numpy
 from cotlearn.validation import check_choice, check_count, check_number
 
 VARIANTS = ("weighted", "topk", "full")
@@ -114,7 +113,7 @@ class ModelAligned(Coupling):
             for t, x in ((0.0, x0), (1.0, x1))
         )  # type: ignore[return-value]
 
-    def errors(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> NDArray[np.float64]:
+    def errors(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> Array:
         """The error of every pair (x0_i, x1_j, c_j), shape (B, B).
 
         At t = 1 the network sees (x1_j, c_j), B rows. At t = 0 it sees (x0_i, c_j): once for each
@@ -136,10 +135,9 @@ class ModelAligned(Coupling):
             start[:, columns] = squared_distances(landed, x1[torch.from_numpy(columns)])
         # |v(1, x1_j, c_j) - (x1_j - x0_i)|^2 = |x0_i - (x1_j - v(1, x1_j, c_j))|^2
         end = squared_distances(x0, x1 - self._velocity(1.0, x1, c))
-        both: NDArray[np.float64] = (start + end) / 2
-        return both
+        return (start + end) / 2
 
-    def _assign(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> NDArray[np.int64]:
+    def _assign(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> Index:
         cost = self.errors(x0, x1, c)
         if self.condition_weight and c is not None:
             cost = cost + self.condition_weight * squared_distances(c, c)
@@ -162,7 +160,7 @@ class ModelAligned(Coupling):
         return first + (last - first) * done
 
 
-def _distinct(c: Tensor | None, rows: int) -> tuple[Tensor, NDArray[np.int64]]:
+def _distinct(c: Tensor | None, rows: int) -> tuple[Tensor, Index]:
     """The distinct conditions (m, k), and which of them each row has."""
     if c is None:
         return torch.empty(1, 0), np.zeros(rows, dtype=np.int64)

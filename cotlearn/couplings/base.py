@@ -21,6 +21,7 @@ from cotlearn.validation import (
     check_shape,
 )
 
+Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MANY_DIMENSIONS = 12  #: from here on a matrix product is the faster way to distances
@@ -70,6 +71,8 @@ class Pairs:
     @staticmethod
     def cat(parts: Sequence[Pairs]) -> Pairs:
         """Several pairs as one."""
+        if len(parts) == 1:
+            return parts[0]
         columns = ([getattr(part, f.name) for part in parts] for f in fields(Pairs))
         values: Any = (None if column[0] is None else torch.cat(column) for column in columns)
         return Pairs(*values)
@@ -103,8 +106,18 @@ class Match(NamedTuple):
     weight: Tensor | None = None  #: of each row in the loss
 
 
+class WithOptions:
+    """A dataclass whose repr names functions: a checkpoint compares it between processes."""
+
+    def __repr__(self) -> str:
+        own: Any = self
+        values = {f.name: getattr(self, f.name) for f in fields(own) if f.repr}
+        options = (f"{k}={getattr(v, '__qualname__', None) or repr(v)}" for k, v in values.items())
+        return f"{type(self).__name__}({', '.join(options)})"
+
+
 @dataclass(repr=False, eq=False)
-class Coupling:
+class Coupling(WithOptions):
     """Decides which noise meets which data. A new coupling overrides `match`, and nothing else.
 
     Its options are the fields of a dataclass, `@dataclass(repr=False)`. One that looks at all the
@@ -193,14 +206,11 @@ class Coupling:
         check_count(batch_size, "batch_size")
         ot_batch_size = batch_size if ot_batch_size is None else ot_batch_size
         check_count(ot_batch_size, "ot_batch_size", minimum=batch_size)
-        if self.whole_data and ot_batch_size != batch_size:
+        if ot_batch_size % batch_size or (self.whole_data and ot_batch_size != batch_size):
+            allowed = "equal to" if self.whole_data else "a multiple of"  # all the data are paired
             raise ValueError(
-                f"ot_batch_size does not apply to {type(self).__name__}, which looks at all the "
-                f"data: it must be None or batch_size {batch_size}, got {ot_batch_size}"
-            )
-        if ot_batch_size % batch_size:
-            raise ValueError(
-                f"ot_batch_size must be a multiple of batch_size {batch_size}, got {ot_batch_size}"
+                f"ot_batch_size must be {allowed} batch_size {batch_size} for "
+                f"{type(self).__name__}, got {ot_batch_size}"
             )
         check_count(start, "start", minimum=0)
         seed = torch.initial_seed() if generator is None else generator.initial_seed()
@@ -211,11 +221,12 @@ class Coupling:
         while True:
             generators = [generator_for(seed, number * solves + k) for k in range(solves)]
             pairs = Pairs.cat([self.solve(data, rows, source, rng) for rng in generators])
-            order = torch.arange(len(pairs))
-            if epoch:  # it is paired cluster by cluster
-                order = torch.randperm(len(pairs), generator=generator_for(seed, number, purpose=2))
+            order = torch.randperm(len(pairs), generator=generator_for(seed, number, purpose=2))
             for k in range(first, len(pairs) // batch_size):
-                yield pairs.map(itemgetter(order[k * batch_size : (k + 1) * batch_size]))
+                cut: Any = slice(k * batch_size, (k + 1) * batch_size)
+                if epoch:  # it is paired cluster by cluster
+                    cut = order[cut]
+                yield pairs.map(itemgetter(cut))
             number, first = number + 1, 0
 
     def prepare(self, data: Any, source: Source | None, seed: int) -> None:
@@ -261,11 +272,20 @@ class Coupling:
         elif self.needs_condition:
             raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
 
-    def __repr__(self) -> str:
-        """The options by name, functions by theirs: a checkpoint compares it between processes."""
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.repr}
-        options = (f"{k}={getattr(v, '__qualname__', None) or repr(v)}" for k, v in values.items())
-        return f"{type(self).__name__}({', '.join(options)})"
+
+class Last:
+    """The last value of a function of tensors, kept for the same tensors: epoch after epoch."""
+
+    def __init__(self) -> None:
+        self.tensors: tuple[Tensor, ...] = ()
+        self.value: Any = None
+
+    def __call__(self, function: Callable[..., Any], *tensors: Tensor) -> Any:
+        """The function's value for the tensors."""
+        same = len(tensors) == len(self.tensors)
+        if not (same and all(a is b for a, b in zip(tensors, self.tensors, strict=True))):
+            self.tensors, self.value = tensors, function(*tensors)
+        return self.value
 
 
 def check_finite(data: Any, coupling: Coupling) -> None:
@@ -295,25 +315,24 @@ def generator_for(seed: int, number: int, purpose: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(int(sequence.generate_state(1, np.uint64)[0]) >> 1)
 
 
-def squared_distances(first: Tensor, second: Tensor) -> NDArray[np.float64]:
+def squared_distances(first: Tensor, second: Tensor) -> Array:
     """|a_i - b_j|^2 for all rows, float64, shape (len(first), len(second))."""
     return array_distances(to_numpy(first), to_numpy(second))
 
 
-def array_distances(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def array_distances(a: Array, b: Array) -> Array:
     """`squared_distances` of arrays.
 
     In many dimensions by one matrix product, of (-2a, |a|^2, 1) and (b, 1, |b|^2), and again
     without it where rows are so near each other that the product would lose digits; equal rows
     have distance 0 either way.
     """
-    distances: NDArray[np.float64]
     if a.shape[1] >= MANY_DIMENSIONS:
         centre = b.mean(axis=0)
         a, b = a - centre, b - centre
         norms_a, norms_b = (a * a).sum(axis=1), (b * b).sum(axis=1)
         left = np.column_stack([-2 * a, norms_a, np.ones(len(a))])
-        distances = left @ np.column_stack([b, np.ones(len(b)), norms_b]).T
+        distances: Array = left @ np.column_stack([b, np.ones(len(b)), norms_b]).T
         near = LOST_DIGITS * (norms_a.max() + norms_b.max())
         if distances.min() >= near:
             return distances
@@ -321,13 +340,13 @@ def array_distances(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[n
         if len(rows) < distances.size // 100:
             distances[rows, columns] = ((a[rows] - b[columns]) ** 2).sum(axis=1)
             return distances
-    distances = cdist(a, b, "sqeuclidean")
-    return distances
+    nearby: Array = cdist(a, b, "sqeuclidean")
+    return nearby
 
 
-def to_numpy(value: Tensor) -> NDArray[np.float64]:
+def to_numpy(value: Tensor) -> Array:
     """float64 on the CPU; shares memory with a value that is so already."""
-    array: NDArray[np.float64] = value.detach().to("cpu", torch.float64).numpy()
+    array: Array = value.detach().to("cpu", torch.float64).numpy()
     return array
 
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.couplings.base import (
+    Array,
     Coupling,
     Index,
     Match,
@@ -107,22 +107,15 @@ class ConditionalOT(Coupling):
     def candidates(self, x0: Tensor, x1: Tensor, c: Any = None) -> float:
         """Rows whose condition costs no more than an average sample distance."""
         seen = self._seen_of(c)
-        cost, sample_cost = self.condition_cost(seen, seen), squared_distances(x0, x1)
+        cost, sample_cost = squared_distances(seen, seen), squared_distances(x0, x1)
         if self.condition_weight == math.inf:
             return float((cost == 0).sum(axis=1).mean())
         shuffled = np.random.default_rng(0).permutation(len(cost))  # the rows may be pairs already
         weight = self.weight(sample_cost, cost, shuffled)
         return float((weight * cost <= sample_cost.mean()).sum(axis=1).mean())
 
-    def condition_cost(self, c0: Tensor, c: Tensor) -> NDArray[np.float64]:
-        """What it costs to change condition: |c0_i - c_j|^2, shape (B, B)."""
-        return squared_distances(c0, c)
-
     def weight(
-        self,
-        sample_cost: NDArray[np.float64],
-        condition_cost: NDArray[np.float64],
-        noise_condition_index: Index,
+        self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
     ) -> float:
         """The condition weight of a batch whose noise row i has condition noise_condition_index[i].
 
@@ -143,14 +136,12 @@ class ConditionalOT(Coupling):
         check_same_rows(seen, "condition(c)", c, "c")
         return seen
 
-    def _joint_cost(
-        self, x0: Tensor, x1: Tensor, c: Tensor, noise_condition_index: Index
-    ) -> NDArray[np.float64]:
+    def _joint_cost(self, x0: Tensor, x1: Tensor, c: Tensor, noise_condition_index: Index) -> Array:
         """|x0_i - x1_j|^2 + w C(c0_i, c_j), shape (B, B), with c0 = c[noise_condition_index]."""
         with np.errstate(over="ignore"):
             if isinstance(self.condition_weight, str):
-                c0 = c[torch.from_numpy(noise_condition_index)]
-                sample_cost, cost = squared_distances(x0, x1), self.condition_cost(c0, c)
+                sample_cost = squared_distances(x0, x1)
+                cost = squared_distances(c[torch.from_numpy(noise_condition_index)], c)
                 weight = self.weight(sample_cost, cost, noise_condition_index)
                 cost = weight * cost
                 cost += sample_cost
@@ -177,10 +168,7 @@ class ConditionalOT(Coupling):
 
 
 def _within_classes(
-    sample_cost: NDArray[np.float64],
-    c: Tensor,
-    noise_condition_index: Index,
-    rng: np.random.Generator,
+    sample_cost: Array, c: Tensor, noise_condition_index: Index, rng: np.random.Generator
 ) -> tuple[Index, Index]:
     """w = infinity: one plan for each distinct condition."""
     label = np.unique(to_numpy(c), axis=0, return_inverse=True)[1].ravel()

@@ -19,7 +19,7 @@ from sklearn.decomposition import PCA
 from sklearn.exceptions import ConvergenceWarning
 from torch import Tensor
 
-from cotlearn.couplings.base import to_numpy
+from cotlearn.couplings.base import WithOptions, to_numpy
 from cotlearn.datasets import Standardiser
 from cotlearn.renamed import renamed
 from cotlearn.validation import (
@@ -62,7 +62,7 @@ def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | Non
     return torch.cat(parts, dim=1)
 
 
-class Clusters:
+class Clusters(WithOptions):
     """Conditions grouped by the nearest of some centroids: an abstract class.
 
     Called on c (n, k) it returns the centroids (n, m) that stand for the rows; `labels(c)` returns
@@ -122,7 +122,7 @@ class Clusters:
         return self._fitted[name]
 
 
-@dataclass
+@dataclass(repr=False)
 class KMeansCondition(Clusters):
     """The nearest of K centroids, fitted by k-means++ on standardised conditions.
 
@@ -151,7 +151,7 @@ class KMeansCondition(Clusters):
         return Standardiser(mean, std)(check_matrix(check_condition(c), "c", columns=len(mean)))
 
 
-@dataclass(kw_only=True)
+@dataclass(repr=False, kw_only=True)
 class PCAKMeansCondition(Clusters):
     """COT Policy's condition for images (2505.01179): PCA of raw pixels, then k-means.
 
@@ -258,10 +258,6 @@ class EmbeddedClusters(Clusters):
     def _embedded(self, c: Tensor) -> Tensor:
         with torch.no_grad():
             return check_condition(self.embed(c), "embed(c)")
-
-    def __repr__(self) -> str:
-        name = getattr(self.embed, "__qualname__", None) or repr(self.embed)
-        return f"EmbeddedClusters({name}, {self.inner!r}, rows={self.rows}, seed={self.seed})"
 
 
 def _nearest(rows: Tensor, centroids: Tensor) -> Tensor:

@@ -15,6 +15,7 @@ from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.couplings.base import (
     Coupling,
     Index,
+    Last,
     Match,
     Source,
     check_finite,
@@ -80,14 +81,12 @@ class StratifiedOT(Coupling):
         self._forget()
 
     def _forget(self) -> None:
-        """Of the last data: c and its labels; x1, c and the residuals."""
-        self._labels: tuple[Any, Any] = (None, None)
-        self._residuals: tuple[Any, Any, Any] = (None, None, None)
+        self._label, self._residual = Last(), Last()  # of the last data
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
         """Pair within the clusters of c; row i of the noise has the cluster of c_i."""
-        label = self._label(c)
-        paired = self._residual(x1, c, label) if self.residual else x1
+        label = self._label(self._labels, c)
+        paired = self._residual(self._residuals, x1, c) if self.residual else x1
         target = np.empty(len(x0), dtype=np.int64)
         for rows in self._solves(label, rng):
             cost = squared_distances(x0[torch.from_numpy(rows)], paired[torch.from_numpy(rows)])
@@ -96,9 +95,9 @@ class StratifiedOT(Coupling):
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
         """Rows of the cluster, or of its part that is solved at once, in the last epoch paired."""
-        if self._labels[0] is None:
+        if self._label.value is None:
             return 1.0
-        sizes = np.bincount(self._labels[1])
+        sizes = np.bincount(self._label.value)
         sizes = sizes[sizes > 0]
         solved = sizes / np.ceil(sizes / self.rows_per_solve)
         return float((sizes * solved).sum() / sizes.sum())
@@ -124,27 +123,24 @@ class StratifiedOT(Coupling):
             return data.x1, data.c
         return super().draw(data, n, generator)
 
-    def _label(self, c: Tensor) -> Index:
-        """The number of each row's cluster; the same data set keeps them, epoch after epoch."""
-        if self._labels[0] is not c:
-            if self.clusters is None:
-                label = torch.unique(c, dim=0, return_inverse=True)[1]
-            else:
-                if not self.clusters.state_dict():
-                    self.clusters.fit(c)
-                label = self.clusters.labels(c)
-            self._labels = (c, label.cpu().numpy().astype(np.int64))
-        return self._labels[1]
+    def _labels(self, c: Tensor) -> Index:
+        """The number of each row's cluster."""
+        if self.clusters is None:
+            label = torch.unique(c, dim=0, return_inverse=True)[1]
+        else:
+            if not self.clusters.state_dict():
+                self.clusters.fit(c)
+            label = self.clusters.labels(c)
+        numbers: Index = label.cpu().numpy().astype(np.int64)
+        return numbers
 
-    def _residual(self, x1: Tensor, c: Tensor, label: Index) -> Tensor:
-        """The residuals of x1 on c in each cluster, (N, d)."""
-        if self._residuals[0] is not x1 or self._residuals[1] is not c:
-            values, conditions = to_numpy(x1), to_numpy(c)
-            left = np.empty_like(values)
-            for rows in _groups(np.argsort(label, kind="stable"), label):
-                left[rows] = _residuals(values[rows], conditions[rows])
-            self._residuals = (x1, c, torch.from_numpy(left).to(x1))
-        return self._residuals[2]
+    def _residuals(self, x1: Tensor, c: Tensor) -> Tensor:
+        """The residuals (N, d) of x1 on c in each cluster."""
+        values, conditions, label = to_numpy(x1), to_numpy(c), self._label(self._labels, c)
+        left = np.empty_like(values)
+        for rows in _groups(np.argsort(label, kind="stable"), label):
+            left[rows] = residuals(values[rows], conditions[rows])
+        return torch.from_numpy(left).to(x1)
 
     def _solves(self, label: Index, rng: np.random.Generator) -> Iterator[Index]:
         """The rows of each assignment: clusters, the large ones cut up evenly at random."""
@@ -170,7 +166,7 @@ def _groups(ordered: Index, label: Index) -> list[Index]:
     return np.split(ordered, np.flatnonzero(np.diff(label[ordered])) + 1)
 
 
-def _residuals(y: Array, z: Array) -> Array:
+def residuals(y: Array, z: Array) -> Array:
     """Residuals (n, d) of a linear regression of values y (n, d) on conditions z (n, k).
 
     With an intercept, each condition scaled to unit variance, and a ridge of 1, which is little

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Match, Pairs, Source
+from cotlearn.couplings.base import Coupling, Last, Match, Pairs, Source, WithOptions
 
 Transform = Callable[[Tensor, Tensor], Tensor]
 OfCondition = Callable[[Tensor], Tensor]
@@ -64,7 +64,7 @@ class Transformed(Coupling):
                 raise TypeError(f"{name} must be a function (x, c) -> x, got {function!r}")
         self.name, self.solves = inner.name, inner.solves
         self.uses_ot_batch, self.whole_data = inner.uses_ot_batch, inner.whole_data
-        self._last: tuple[Any, ...] = (None, None, None)  # of forward: x1, c and the values
+        self._last = Last()
 
     def __call__(
         self,
@@ -81,9 +81,8 @@ class Transformed(Coupling):
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
         """As the coupling inside matches noise and transformed data."""
-        if self._last[0] is not x1 or self._last[1] is not c:  # else one data set, epoch by epoch
-            self._last = (x1, c, self._apply("forward", x1, c))
-        return self.coupling.match(x0, self._last[2], c, rng)
+        seen = self._last(lambda x1, c: self._apply("forward", x1, c), x1, c)
+        return self.coupling.match(x0, seen, c, rng)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Any = None) -> float:
         """Those of the coupling inside, for noise x0 as `stream` gives it."""
@@ -159,8 +158,8 @@ def centred(
     return Transformed(coupling, Residual(mean, spread))
 
 
-@dataclass(frozen=True)
-class Residual:
+@dataclass(frozen=True, repr=False)
+class Residual(WithOptions):
     """(x1 - mean(c)) / spread(c): what `centred` pairs."""
 
     mean: OfCondition
@@ -175,11 +174,6 @@ class Residual:
         if not (spread > 0).all():
             raise ValueError(f"spread must be positive, got {float(spread.min()):.3g}")
         return residual / spread
-
-    def __repr__(self) -> str:
-        """By the names of the functions: a checkpoint compares it between processes."""
-        names = (getattr(f, "__qualname__", None) or repr(f) for f in (self.mean, self.spread))
-        return f"Residual({', '.join(names)})"
 
 
 def _checked(name: str, value: Any, shapes: tuple[tuple[int, ...], ...]) -> Tensor:

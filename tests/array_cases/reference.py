@@ -27,7 +27,6 @@ WITHOUT = {
     "couplings.*.candidates": "called by the frontier with batches of a stream",
     "couplings.*.project": "a part of labels",
     "couplings.*.weight": "a part of a call",
-    "couplings.*.condition_cost": "a part of a call",
     "couplings.ModelAligned.errors": "a part of a call",
     "couplings.ModelAligned.row_errors": "a part of a call",
     "*.load_state_dict": "takes back what state_dict gave; tests/test_damage.py",

@@ -318,7 +318,7 @@ def test_couplings_of_all_the_data_take_no_ot_batch():
     for coupling in (StratifiedOT(), SemidiscreteOT(iterations=1), FixedPairs(x1)):
         assert coupling.whole_data
         assert not coupling.uses_ot_batch
-        with pytest.raises(ValueError, match=r"does not apply to .*None or batch_size 8, got 16"):
+        with pytest.raises(ValueError, match=r"must be equal to batch_size 8 for .*, got 16"):
             next(coupling.stream(Dataset(x1, c), batch_size=8, ot_batch_size=16))
         with pytest.raises(ValueError, match="start must be at least 0"):
             next(coupling.stream(Dataset(x1, c), batch_size=8, start=-1))

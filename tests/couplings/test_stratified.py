@@ -103,7 +103,7 @@ def test_one_cluster_is_plain_ot():
 def test_large_clusters_are_cut_into_even_parts_of_at_most_rows_per_solve():
     data = numbered(200, classes=2)
     coupling = StratifiedOT(rows_per_solve=32)
-    label = coupling._label(data.c)
+    label = coupling._labels(data.c)
     parts = list(coupling._solves(label, np.random.default_rng(0)))
     assert sorted(np.concatenate(parts)) == list(range(200))
     sizes = np.bincount(label)
@@ -275,7 +275,7 @@ def test_a_source_of_ones_own():
         (lambda d: StratifiedOT(rows_per_solve=5000), ValueError, "rows_per_solve must be at most"),
         (lambda d: StratifiedOT(n_samples=0), ValueError, "n_samples must be at least 1"),
         (lambda d: take(StratifiedOT(), d, 1, batch_size=0), ValueError, "batch_size must be"),
-        (lambda d: take(StratifiedOT(), d, 1, ot_batch_size=40), ValueError, "ot_batch_size does"),
+        (lambda d: take(StratifiedOT(), d, 1, ot_batch_size=40), ValueError, "ot_batch_size must"),
         (lambda d: take(StratifiedOT(), d, 1, start=-1), ValueError, "start must be at least 0"),
         (lambda d: take(StratifiedOT(), Dataset(d.x1), 1), TypeError, "needs the conditions c"),
         (lambda d: take(StratifiedOT(2), Dataset(d.x1), 1), TypeError, "needs the conditions c"),

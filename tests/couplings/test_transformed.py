@@ -213,7 +213,7 @@ def test_its_words_name_what_is_inside():
     text = repr(Transformed(Independent(), forward, inverse))
     assert text == "Transformed(coupling=Independent(), forward=forward, inverse=inverse)"
     text = repr(centred(Independent(), mean, spread))
-    assert "forward=Residual(mean, spread)" in text
+    assert "forward=Residual(mean=mean, spread=spread)" in text
     assert centred(Independent(), mean) == centred(Independent(), mean)
 
 
