@@ -24,9 +24,9 @@ app = typer.Typer(
 )
 app.add_typer(course.app)
 app.add_typer(homework.app)
-app.command()(demos)
-app.command(cls=policies.Command)(train)
-app.command(cls=policies.Command)(bench)
+app.command(cls=policies.WithTasks)(demos)
+app.command(cls=policies.WithMethods)(train)
+app.command(cls=policies.WithMethods)(bench)
 app.command()(report)
 
 

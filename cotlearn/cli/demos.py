@@ -16,9 +16,7 @@ def demos(
     task: Annotated[
         str,
         typer.Argument(
-            help="push-t; arm-ring, where the arm reaches round a pillar; arm-avoid, where it "
-            "finds its way between two rows of them; or push-t-pixels, the course's "
-            "demonstrations of push-t as pictures."
+            help="A task; or push-t-pixels, the course's demonstrations of push-t as pictures."
         ),
     ],
     episodes: Annotated[int, typer.Option(min=1, help="How many episodes.")] = 4000,

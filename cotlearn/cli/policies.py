@@ -39,7 +39,7 @@ OPTIONS = {
 }
 
 
-class Command(TyperCommand):
+class WithMethods(TyperCommand):
     """A command whose help ends with the tasks and the methods, read when it is asked for."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -49,6 +49,17 @@ class Command(TyperCommand):
 
         rows = [f"{method.name}: {method.description}." for method in METHODS.values()]
         self.epilog = "\n\n".join([f"Tasks: {', '.join(SETTINGS)}.", "Methods:", *rows])
+        super().format_help(ctx, formatter)
+
+
+class WithTasks(TyperCommand):
+    """A command whose help ends with the registered tasks."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Writes the help."""
+        from cotlearn.robots.registry import TASKS
+
+        self.epilog = f"Tasks: {', '.join(TASKS)}."
         super().format_help(ctx, formatter)
 
 

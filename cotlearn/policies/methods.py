@@ -58,8 +58,7 @@ class Method:
         sampler: makes the sampler of most evaluations from the largest value in the chunks.
         open_option: the option that the frontier chooses where it is None.
         pictures: how many clusters of a camera's pictures the coupling is given; None: none.
-        teacher: the method whose policy, of the same seed, is trained before.
-        prepare: changes a training before it starts: a regression, the pairs of a teacher.
+        prepare: changes a training before it starts: by a regression, by pairs of a teacher.
     """
 
     name: str
@@ -69,7 +68,6 @@ class Method:
     sampler: Callable[[float], Sampler] = lambda clip: FlowSampler(nfe=16)
     open_option: str = ""
     pictures: Callable[[Options], int | None] | None = None
-    teacher: str = ""
     prepare: Callable[[Run], None] | None = None
 
 
@@ -109,21 +107,20 @@ def _centre(run: Run) -> None:
 
 
 def _distil(run: Run) -> None:
-    """The student starts from its teacher's weights, and learns pairs that the teacher made."""
-    assert run.teacher is not None
+    """Trains a teacher; the student starts from its weights, and learns pairs that it made."""
+    run.network = run.fit("teacher_").network
     started = time.perf_counter()
     rng = generator_for(run.seed, 0, purpose=21)
     _, c = run.data.sample(run.options.reflow_pairs, generator=rng)
     assert c is not None
     x0 = torch.randn(len(c), run.data.dim, generator=rng)
-    run.network = run.teacher.policy.network
     parts = [
         integrate(run.network, noise, some, nfe=run.options.reflow_nfe).x1
         for noise, some in zip(x0.split(4096), c.split(4096), strict=True)
     ]
     run.data = Dataset(torch.cat(parts), c, name=f"{run.data.name}, made by a teacher")
     run.coupling = FixedPairs(x0)
-    run.seconds = run.teacher.seconds + time.perf_counter() - started
+    run.seconds += time.perf_counter() - started
 
 
 METHODS: dict[str, Method] = {
@@ -173,7 +170,6 @@ METHODS: dict[str, Method] = {
         Method(
             "reflow",
             "rectified flow on the pairs of a flow with independent pairs",
-            teacher="independent",
             prepare=_distil,
         ),
         Method(

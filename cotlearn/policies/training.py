@@ -167,7 +167,6 @@ class Run:
         coupling: that pairs.
         loss: that is minimised.
         seed: of pairs and times.
-        teacher: the policy that was trained before, if the method has one.
         checkpoint: a file to resume from.
         progress: show a bar.
         seconds: spent on training so far.
@@ -179,7 +178,6 @@ class Run:
     coupling: Coupling
     loss: Loss
     seed: int
-    teacher: Trained | None
     checkpoint: Path | None
     progress: bool | None
     seconds: float = 0.0
@@ -211,7 +209,6 @@ def train(
     *,
     seed: int = 0,
     options: Options | None = None,
-    teacher: Trained | None = None,
     checkpoint: str | Path | None = None,
     progress: bool | None = None,
 ) -> Trained:
@@ -222,7 +219,6 @@ def train(
         episodes: to train on; hold some out before (`split`).
         seed: of weights, pairs and times. One seed gives all methods the same initial weights.
         options: the same for all methods that are to be compared.
-        teacher: trained with the same arguments, for methods that have one; made anew if None.
         checkpoint: a safetensors file to resume from.
         progress: show a bar; None: in terminals and notebooks.
 
@@ -234,16 +230,6 @@ def train(
     options = options or Options()
     windows = options.windows(episodes)
     data = windows.dataset(episodes, label=options.label)
-    place = None if checkpoint is None else Path(checkpoint)
-    if method.teacher and teacher is None:
-        teacher = train(
-            method.teacher,
-            episodes,
-            seed=seed,
-            options=options,
-            checkpoint=place and place.with_name(f"teacher_{place.name}"),
-            progress=progress,
-        )
     pictures, loss = options.pictures(method, data, windows), method.loss(options)
     run = Run(
         options=options,
@@ -252,8 +238,7 @@ def train(
         coupling=method.coupling(options, pictures),
         loss=options.camera.loss(loss) if options.camera else loss,
         seed=seed,
-        teacher=teacher,
-        checkpoint=place,
+        checkpoint=Path(checkpoint) if checkpoint else None,
         progress=progress,
     )
     if method.prepare:

@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from cotlearn.couplings import Independent
 from cotlearn.metrics import mode_entropy
 from cotlearn.policies.comparison import scores
 from cotlearn.policies.comparison.choice import choose, is_open
 from cotlearn.policies.methods import METHODS, Method, find_method
 from cotlearn.policies.policy import ChunkPolicy
-from cotlearn.policies.training import Options, Trained, train
+from cotlearn.policies.training import Options, train
 from cotlearn.results import Folder, machine, read_json, write_json
 from cotlearn.robots.episodes import Episodes, split
 from cotlearn.robots.experts.modes import demonstrated_modes
@@ -106,16 +105,12 @@ class _Bench:
         options = self.protocol.options
         if chosen:
             options = replace(options, **{chosen["option"]: chosen["value"]})
-        teacher, cpu = None, time.process_time()
-        if method.teacher and (stored := self.stored(f"{method.teacher}-{seed}")):
-            policy, about = stored
-            teacher = Trained(policy, {}, about["seconds"], about["parameters"], Independent())
+        cpu = time.process_time()
         trained = train(
             method,
             self.training,
             seed=seed,
             options=options,
-            teacher=teacher,
             checkpoint=self.weights / f"{name}.training.safetensors",
         )
         about = {
