@@ -65,12 +65,8 @@ def main() -> None:
         }
         for nfe in EVALUATIONS:
             policy = trained.policy.with_sampler(FlowSampler(nfe))
-            done = rollout(
-                policy,
-                episodes=SETTING["rollouts"],
-                first_seed=SETTING["first_seed"],
-                progress=False,
-            )
+            first = SETTING["first_seed"]
+            done = rollout(policy, seeds=range(first, first + SETTING["rollouts"]), progress=False)
             values[f"euler-{nfe}"] = {
                 "success": float(done["success"].mean()),
                 "collision": float(done["collision"].mean()),

@@ -32,7 +32,7 @@ def rolled(trained: Trained, *, rollouts: int, first_seed: int = FRESH) -> dict[
     """What `train_and_roll` says of a policy that is trained already."""
     done = {
         sampler.name: rollout(
-            trained.policy.with_sampler(sampler), episodes=rollouts, first_seed=first_seed
+            trained.policy.with_sampler(sampler), seeds=range(first_seed, first_seed + rollouts)
         )["coverage"]
         for sampler in SAMPLERS
     }

@@ -33,9 +33,8 @@ class CameraNetwork(nn.Module):
         camera: takes the picture; or its attributes, as a file has them.
         dim: d, columns of x, two for each step.
         features: of a picture, beside the pose.
-        width: of the velocity field's layers.
-        blocks: of the velocity field.
         seed: of the initial weights.
+        options: of the velocity field, a `ResidualMLP`.
     """
 
     def __init__(
@@ -44,25 +43,17 @@ class CameraNetwork(nn.Module):
         dim: int,
         *,
         features: int = 32,
-        width: int = 384,
-        blocks: int = 4,
         seed: int | None = None,
+        **options: Any,
     ) -> None:
         super().__init__()
         self.camera = camera if isinstance(camera, Camera) else Camera(**camera)
         self.dim, self.condition_dim = dim, self.camera.scene_dim
         self.features = check_count(features, "features", minimum=0)
-        self.sizes: dict[str, Any] = {"dim": dim, "features": features, "width": width}
-        self.sizes |= {"blocks": blocks, "camera": asdict(self.camera)}
         self.encoder = ImageEncoder(POSE + features, seed=seed)
-        self.head = TurnedMLP(
-            dim,
-            features=features,
-            observe=self.camera.observe,
-            width=width,
-            blocks=blocks,
-            seed=seed,
-        )
+        self.head = TurnedMLP(dim, features, self.camera.observe, seed=seed, **options)
+        self.sizes: dict[str, Any] = {"camera": asdict(self.camera), "dim": dim}
+        self.sizes |= {"features": features, **options}
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor) -> Tensor:
         """The velocity (B, d) at time t, x (B, d) and scenes c (B, k)."""
@@ -102,27 +93,14 @@ class TurnedMLP(nn.Module):
         dim: d, two columns for each step of a chunk.
         features: of an encoder, beside the pose.
         observe: places of the agent that follow them, two columns each.
-        width: as in `ResidualMLP`.
-        blocks: as in `ResidualMLP`.
-        seed: of the initial weights.
+        options: of the `ResidualMLP`.
     """
 
-    def __init__(
-        self,
-        dim: int,
-        *,
-        features: int,
-        observe: int,
-        width: int = 384,
-        blocks: int = 4,
-        seed: int | None = None,
-    ) -> None:
+    def __init__(self, dim: int, features: int, observe: int, **options: Any) -> None:
         super().__init__()
         self.dim, self.condition_dim = dim, POSE + features + 2 * observe
         self.observe = observe
-        self.inner = ResidualMLP(
-            dim, 2 * (observe + 2) + features, width=width, blocks=blocks, seed=seed
-        )
+        self.inner = ResidualMLP(dim, 2 * (observe + 2) + features, **options)
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor) -> Tensor:
         """The velocity (B, d) at time t, x (B, d) and features c (B, k)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from torch import Tensor
 
@@ -47,16 +48,9 @@ class Pixels:
         """The camera for scenes on the scale of these windows."""
         return Camera(self.size, windows.observe, *windows.observation_range.tolist())
 
-    def network(self, windows: Windows, *, width: int, blocks: int, seed: int) -> CameraNetwork:
-        """A network that sees."""
-        return CameraNetwork(
-            self.camera(windows),
-            windows.dim,
-            features=self.features,
-            width=width,
-            blocks=blocks,
-            seed=seed,
-        )
+    def network(self, windows: Windows, **options: Any) -> CameraNetwork:
+        """A network that sees; options are those of `CameraNetwork`."""
+        return CameraNetwork(self.camera(windows), windows.dim, features=self.features, **options)
 
     def condition(self, c: Tensor, windows: Windows, *, clusters: int) -> EmbeddedClusters:
         """COT Policy's condition: clusters of pictures and proprioception, fitted to scenes c."""

@@ -81,7 +81,6 @@ def rollout(
     policy: Policy,
     *,
     episodes: int = 200,
-    first_seed: int = FRESH,
     seeds: Sequence[int] | None = None,
     max_steps: int | None = None,
     record: bool = False,
@@ -95,8 +94,7 @@ def rollout(
     Args:
         policy: sees the last states of each world, and returns the next actions.
         episodes: how many.
-        first_seed: of the starts.
-        seeds: of the starts, instead of first_seed, first_seed + 1, ...; may repeat.
+        seeds: of the starts; may repeat. FRESH, FRESH + 1, ... if None.
         max_steps: of an episode; those of the task if None.
         record: keep all states.
         progress: show a bar; None: in terminals and notebooks.
@@ -107,8 +105,7 @@ def rollout(
     task = policy.windows.task
     max_steps = check_count(task.max_steps if max_steps is None else max_steps, "max_steps")
     if seeds is None:
-        first = check_count(first_seed, "first_seed", minimum=0)
-        seeds = range(first, first + check_count(episodes, "episodes"))
+        seeds = range(FRESH, FRESH + check_count(episodes, "episodes"))
     episodes = check_count(len(seeds), "seeds")
     sim = task.vector_sim(seeds)
     state = sim.states

@@ -107,14 +107,13 @@ class Options:
 
     def make_network(self, windows: Windows, *, seed: int) -> nn.Module:
         """A network for chunks and observations of the windows' sizes."""
+        sizes: dict[str, Any] = {"width": self.width, "blocks": self.blocks, "seed": seed}
         if self.camera:
-            return self.camera.network(windows, width=self.width, blocks=self.blocks, seed=seed)
+            return self.camera.network(windows, **sizes)
         if self.network == "unet":
-            sizes = windows.points, windows.action_dim, windows.condition_dim
-            return TemporalUNet(*sizes, seed=seed)
-        return ResidualMLP(
-            windows.dim, windows.condition_dim, width=self.width, blocks=self.blocks, seed=seed
-        )
+            shape = windows.points, windows.action_dim, windows.condition_dim
+            return TemporalUNet(*shape, seed=seed)
+        return ResidualMLP(windows.dim, windows.condition_dim, **sizes)
 
     def pictures(self, method: Method, data: Dataset, windows: Windows) -> EmbeddedClusters | None:
         """The clusters of pictures that the coupling of a method is given, fitted to the data."""

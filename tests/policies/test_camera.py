@@ -92,7 +92,7 @@ def test_the_pose_error_of_the_true_pose_is_zero(network, data, episodes):
 
 def test_a_turned_world_gets_a_turned_velocity():
     """All but the goal, which stays where it is, looks the same from a T that was turned."""
-    head = TurnedMLP(8, features=2, observe=2, width=16, blocks=1, seed=0)
+    head = TurnedMLP(8, 2, 2, width=16, blocks=1, seed=0)
     generator = torch.Generator().manual_seed(0)
     x, free = torch.randn(5, 8, generator=generator), torch.randn(5, 2, generator=generator)
     seen = []

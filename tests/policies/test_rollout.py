@@ -47,7 +47,7 @@ def test_episodes_are_paired():
     many = rollout(Wander(), episodes=5, max_steps=24, progress=False)
     again = rollout(Wander(), episodes=5, max_steps=24, progress=False)
     assert np.array_equal(many["coverage"], again["coverage"])
-    fewer = rollout(Wander(), episodes=3, first_seed=FRESH, max_steps=24, progress=False)
+    fewer = rollout(Wander(), seeds=range(FRESH, FRESH + 3), max_steps=24, progress=False)
     assert np.array_equal(many["coverage"][:3], fewer["coverage"])
     assert len(many) == 5
     assert many.seed[0] == FRESH
