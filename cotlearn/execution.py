@@ -63,13 +63,7 @@ def execute(path: Path, *, timeout: int = 300) -> Run:
         raise ValueError(f"timeout must be at least 1 second, got {timeout}")
     notebook = read(path)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    start = time.perf_counter()
-    current = 0
-
-    def on_start(cell: nbformat.NotebookNode, cell_index: int) -> None:
-        nonlocal current
-        current = cell_index
-
+    start, begun = time.perf_counter(), [0]
     bar = progress_bar(total=len(code), what=path.stem)
     client = NotebookClient(
         notebook,
@@ -78,7 +72,7 @@ def execute(path: Path, *, timeout: int = 300) -> Run:
         record_timing=False,
         store_widget_state=False,
         resources={"metadata": {"path": str(path.resolve().parent)}},
-        on_cell_execute=on_start,
+        on_cell_execute=lambda cell, cell_index: begun.append(cell_index),
         on_cell_executed=lambda **done: bar.update(),
     )
     environment = {"OMP_NUM_THREADS": "1", **os.environ, "COTLEARN_PROGRESS": "0"}
@@ -88,7 +82,7 @@ def execute(path: Path, *, timeout: int = 300) -> Run:
         with bar:
             client.execute(cleanup_kc=True, env=environment)  # always ends the kernel
     except CellExecutionError as raised:
-        error = _outputs(notebook.cells[current], "error") or str(raised)
+        error = _outputs(notebook.cells[begun[-1]], "error") or str(raised)
     except CellTimeoutError:
         error = f"The cell ran for longer than {timeout} seconds and was stopped."
     except DeadKernelError:
@@ -97,7 +91,7 @@ def execute(path: Path, *, timeout: int = 300) -> Run:
         error = "The kernel died while it ran this cell (out of memory?)."
     seconds = time.perf_counter() - start
     claims = sum(count_claims(_outputs(cell, "stdout")) for cell in code)
-    return Run(path, notebook, seconds, claims, current if error else None, error)
+    return Run(path, notebook, seconds, claims, begun[-1] if error else None, error)
 
 
 def read(path: Path) -> nbformat.NotebookNode:

@@ -76,17 +76,16 @@ def show_progress() -> None:
         names = [path.name[:2] for path in assets.notebooks()] + [path.stem for path in masters()]
         found = [find(name) for name in names]
     known = {name: item["verdict"] for name, item in progress.read().items()}
-    table = Table("", "", "", box=None, show_header=False, pad_edge=False)
-    following = None
+    table, left = Table(box=None, show_header=False, pad_edge=False), []
     for assignment in found:
-        signs = [_SIGNS[known.get(item.name, "not attempted yet")] for item in assignment.questions]
-        done = sum(known.get(item.name) == "correct" for item in assignment.questions)
-        table.add_row(escape(assignment.title), f"{done} of {len(signs)}", " ".join(signs))
-        names = [item.name for item in assignment.questions if known.get(item.name) != "correct"]
-        if following is None and names:
-            following = f"{names[0]} in {assignment.path.name}"
+        verdicts = [known.get(item.name, "not attempted yet") for item in assignment.questions]
+        done = f"{verdicts.count('correct')} of {len(verdicts)}"
+        table.add_row(escape(assignment.title), done, " ".join(_SIGNS[v] for v in verdicts))
+        for item, verdict in zip(assignment.questions, verdicts, strict=True):
+            if verdict != "correct":
+                left.append(f"{item.name} in {assignment.path.name}")
     console.print(table)
-    console.print(f"next: {following}" if following else "all exercises are done")
+    console.print(f"next: {left[0]}" if left else "all exercises are done")
     console.print(f"kept in {escape(str(progress.file()))}, and sent nowhere")
 
 

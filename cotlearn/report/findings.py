@@ -168,9 +168,6 @@ def examine(
     for name, coupling in couplings.items():
         about = {"coupling": repr(coupling), "data": rows.about, "network": NETWORK, "steps": steps}
         word = "independent" if name == "independent" else "recommended"
-        file = checkpoints and checkpoints.with_name(
-            f"{checkpoints.name}.{word}.training.safetensors"
-        )
         network = fit(
             VelocityMLP(train.dim, train.condition_dim, seed=seed, **NETWORK),
             train,
@@ -178,7 +175,7 @@ def examine(
             steps=steps,
             batch_size=BATCH,
             seed=seed,
-            checkpoint=file,
+            checkpoint=checkpoints and f"{checkpoints}.{word}.training.safetensors",
         ).network
         samples = [[integrate(network, z, test.c, nfe=n).x1 for z in noise] for n in NFE]
         scores = torch.stack([energy_scores(torch.stack(drawn), test.x1) for drawn in samples])

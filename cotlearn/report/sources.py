@@ -87,19 +87,19 @@ def from_arrays(
         TypeError: an array does not hold numbers.
         ValueError: shapes do not match, or values are not finite; says which and where.
     """
-    numbers, condition = _numbers(x1, "x1"), np.asarray(c)
-    if condition.ndim == 1 and condition.dtype.kind in "UiubS":
+    condition = np.asarray(c)
+    labels = condition.ndim == 1 and condition.dtype.kind in "UiubS"
+    if labels:
         found, index = np.unique(condition, return_inverse=True)
         if len(found) > MOST_LABELS:
             raise ValueError(
                 f"c is a vector of {len(found)} different labels, at most {MOST_LABELS} are taken; "
                 "if these are numbers, store them as floating point"
             )
-        data = Dataset(numbers, torch.eye(len(found))[index], name)
-        words = f"{len(found)} labels"
-    else:
-        data = Dataset(numbers, _numbers(condition, "c"), name)
-        words = f"conditions of {data.condition_dim} numbers"
+        condition = np.eye(len(found))[index]
+    data = Dataset(_numbers(x1, "x1"), _numbers(condition, "c"), name)
+    k = data.condition_dim
+    words = f"{k} labels" if labels else f"conditions of {k} numbers"
     together = np.arange(len(data)) if group is None else np.asarray(group)
     if together.shape != (len(data),):
         raise ValueError(f"group must have shape ({len(data)},), got {together.shape}")
