@@ -70,7 +70,7 @@ class Marked:
 
     @classmethod
     def from_json(cls, stored: dict[str, Any]) -> Marked:
-        """Reads what `dataclasses.asdict` gave, after a way through JSON.
+        """Reads what `dataclasses.asdict` gave and JSON stored.
 
         Raises:
             KeyError: A part is missing.

@@ -1,13 +1,16 @@
 """Typical wrong answers get a sentence that helps, and no full marks; right ones count."""
 
+import contextlib
 import importlib
 import inspect
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from cotlearn.homework import Verdict, assignments, exercises
+from cotlearn.homework import NotYet, Verdict, assignments, exercises, registry
+from cotlearn.homework.checks import common
 from cotlearn.homework.registry import judge
 
 PATHS = sorted(Path(__file__).parent.glob("mistakes_*.py"))
@@ -26,6 +29,28 @@ def test_a_mistake_gets_a_hint(name, answer, hint):
     verdict, sentence = judge(answer, name)
     assert verdict is Verdict.NOT_YET, sentence
     assert hint in sentence
+
+
+@pytest.mark.parametrize("name", exercises())
+def test_every_row_of_a_table_is_reached(name, monkeypatch):
+    """A hint that another row or the right result hides for three seeds would never be read."""
+    cases: list[common.Case] = []
+    check, run = registry._registry[name], common.run
+    monkeypatch.setattr(common, "run", lambda answer, made: cases.extend(made))
+    for seed in range(3 * ("seed" in inspect.signature(check).parameters)):
+        with contextlib.suppress(NotYet):  # of plain checks, and of counted evaluations
+            check(None, seed=seed)
+    hints, reached = set(), set()
+    for case in cases:
+        for hint, wrong in case.wrong.items():
+            if callable(wrong):
+                continue
+            hints.add(hint)
+            try:
+                run(None, iter([replace(case, given=None, read=lambda _, wrong=wrong: wrong)]))
+            except NotYet as reason:
+                reached.add(str(reason))
+    assert hints <= reached
 
 
 @pytest.mark.parametrize(("name", "answer"), RIGHT)

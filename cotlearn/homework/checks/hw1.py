@@ -122,7 +122,6 @@ def squared_w2(g: Generator) -> Cases:
         nearest = cost.min(1).values.mean()
         wrong = squares(a - b[best]) | {
             "that is W2; the *squared* distance is asked for: no root": right.sqrt(),
-            "the cost is the squared distance": far[rows, by_far].mean(),
             "find the best pairing for squared distances, not distances": cost[rows, by_far].mean(),
             "row i need not be paired with row i: find the best pairing": cost.diagonal().mean(),
             "each row of b may be used once: a pairing, not nearest neighbours": nearest,

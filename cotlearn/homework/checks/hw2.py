@@ -138,10 +138,10 @@ def _choice(weights: list[float], skew: list[float], variance: list[float], budg
     wrong = {
         "return the weight itself, not its place in the list": best,
         "the skew of that weight is above the budget": cheapest,
-        "the smallest skew costs variance: any skew within the budget will do": weights[least],
+        "the smallest skew, with the largest weight, costs variance: any within the budget will "
+        "do": weights[least],
         "return the weight, not what was measured for it": measured.__contains__,
         "the smallest weight within the budget need not have the smallest variance": smallest,
-        "a large weight is nearly independent coupling: its variance is high": max(weights),
     }
     hint = f"of the weights with skew <= {budget:g} {weights[best]:g} has the smallest variance"
     return Case(given, weights[best], wrong, hint, tolerance=0)

@@ -13,14 +13,13 @@ from cotlearn.homework.registry import NotYet, exercise
 def candidates() -> Cases:
     """1 + (B - 1)/K for several batches and numbers of labels."""
     for B, K in ((256, 4), (64, 64), (1, 10), (1024, 1)):
-        right = 1 + (B - 1) / K
         wrong = {
-            "B / K leaves out that a row always finds one partner of its own label: the row that "
-            f"its label was copied from; for B = {B}, K = {K} there are {right:.4g}": B / K,
+            "B / K leaves out that a row always finds one partner of its own label, the row "
+            "that its label was copied from": B / K,
             "count the row itself too: it is always there": (B - 1) / K,
             "the row itself is one of the B: only B - 1 others are left to chance": 1 + B / K,
         }
-        yield Case((B, K), right, wrong)
+        yield Case((B, K), 1 + (B - 1) / K, wrong)
 
 
 @table("04.balanced_weight", seed=4)

@@ -11,7 +11,7 @@ from cotlearn.homework.checks.nb08 import chosen
 
 @table("10.ways_entropy")
 def ways_entropy() -> Cases:
-    """The entropy of the ways that succeeded, averaged over starts."""
+    """The entropy of the modes of successful rollouts, averaged over starts."""
     for rows in (
         [[0, 1, 2, 0, 1, 2], [0, 0, 0, 0, 1, 2]],
         [[0, 0, 0, 0], [0, 1, 0, 1], [2, 2, 1, 2]],
@@ -24,12 +24,12 @@ def ways_entropy() -> Cases:
         with_failures = np.mean([_entropy(row) for row in modes])
         right = np.mean(each)
         wrong = {
-            "it is nan: leave out ways that were not taken; 0 log 0 counts as 0": math.isnan,
+            "it is nan: leave out modes that do not occur; 0 log 0 counts as 0": math.isnan,
             "the entropy has a minus sign: -sum p log p": -right,
             "in nats, so with np.log and not np.log2": right / np.log(2),
             "that is a perplexity: leave out exp": np.exp(right),
-            "not normalised here: the demonstrator's comes out below": right / np.log(3),
-            "-1 is a failure, not a way": with_failures,
+            "not normalised here: compare with the demonstrator's entropy below": right / np.log(3),
+            "-1 is a failure, not a mode": with_failures,
             "first start by start, then the mean over starts": _entropy(modes[modes >= 0]),
             "a start without any success counts, with entropy 0": np.mean(some),
             "the mean over starts, not the sum": np.sum(each),
@@ -48,6 +48,6 @@ def choose() -> Cases:
         yield replace(case, read=lambda found: getattr(found, "name", found))
 
 
-def _entropy(ways: Array) -> float:
-    share = np.unique(ways, return_counts=True)[1] / max(len(ways), 1)
+def _entropy(modes: Array) -> float:
+    share = np.unique(modes, return_counts=True)[1] / max(len(modes), 1)
     return float(-(share * np.log(share)).sum())
