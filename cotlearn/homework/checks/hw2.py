@@ -138,8 +138,7 @@ def _choice(weights: list[float], skew: list[float], variance: list[float], budg
     wrong = {
         "return the weight itself, not its place in the list": best,
         "the skew of that weight is above the budget": cheapest,
-        "the smallest skew, with the largest weight, costs variance: any within the budget will "
-        "do": weights[least],
+        "the smallest skew costs variance, as large weights do: stay in the budget": weights[least],
         "return the weight, not what was measured for it": measured.__contains__,
         "the smallest weight within the budget need not have the smallest variance": smallest,
     }
