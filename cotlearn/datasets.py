@@ -131,17 +131,8 @@ class Unconditional:
     """The same data with the condition left out: `sample` returns (x1, None)."""
 
     data: Any
-
-    @property
-    def name(self) -> str:
-        """The name of the data underneath."""
-        return f"{self.data.name} without condition"
-
-    @property
-    def dim(self) -> int:
-        """d, the dimension of x1."""
-        return int(self.data.dim)
-
+    name: str
+    dim: int
     condition_dim = 0
 
     def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, None]:
@@ -151,9 +142,10 @@ class Unconditional:
 
 def unconditional(data: Any) -> Unconditional | Dataset:
     """Leave the condition of `data` out; finite data stay finite."""
+    name = f"{data.name} without condition"
     if isinstance(data, Dataset):
-        return Dataset(data.x1, None, name=f"{data.name} without condition")
-    return Unconditional(data)
+        return Dataset(data.x1, None, name)
+    return Unconditional(data, name, int(data.dim))
 
 
 def digits(split: str = "all") -> Dataset:

@@ -39,14 +39,6 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None) -> Tensor
     return value
 
 
-def check_dtype(value: Tensor, name: str, wanted: torch.dtype) -> None:
-    """Raise TypeError unless `value` is a tensor of the type of the numbers it meets."""
-    if not isinstance(value, Tensor):
-        raise TypeError(f"{name} must be a torch tensor, got {type(value).__name__}")
-    if value.dtype != wanted:
-        raise TypeError(f"{name} must have the type {wanted}, as the weights, got {value.dtype}")
-
-
 def check_shape(value: Any, name: str, shape: tuple[int, ...]) -> Tensor:
     """Return `value` if it is a floating-point tensor of this shape, whatever its numbers."""
     if not isinstance(value, Tensor) or not value.is_floating_point():

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, TypeAlias
 
 import torch
 from torch import Tensor
@@ -11,23 +12,10 @@ from torch import Tensor
 from cotlearn.couplings.base import Pairs
 from cotlearn.validation import check_share
 
-
-class Velocity(Protocol):
-    """A velocity field: (t, x, c) -> (B, d), with t a number or of shape (B,)."""
-
-    def __call__(self, t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
-        """The velocity at (t, x) under condition c."""
-        ...
-
-
-class Loss(Protocol):
-    """A loss: one value per row of the pairs, shape (B,)."""
-
-    def __call__(
-        self, network: torch.nn.Module, pairs: Pairs, generator: torch.Generator
-    ) -> Tensor:
-        """The loss of each row."""
-        ...
+#: A velocity field: (t, x, c) -> (B, d), with t a number or of shape (B,).
+Velocity: TypeAlias = Callable[[Tensor, Tensor, Tensor | None], Tensor]
+#: A loss: (network, pairs, generator) -> one value per row of the pairs, shape (B,).
+Loss: TypeAlias = Callable[[Any, Pairs, torch.Generator], Tensor]
 
 
 def interpolate(x0: Tensor, x1: Tensor, t: Tensor) -> Tensor:

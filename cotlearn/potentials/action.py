@@ -9,7 +9,8 @@ optimal transport (2510.27385).
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import TypeAlias
 
 import torch
 from torch import Tensor, nn
@@ -21,27 +22,8 @@ from cotlearn.potentials.convex import ConvexPotential
 from cotlearn.potentials.optimal_flow import straight_line
 from cotlearn.validation import check_times
 
-
-class Action(Protocol):
-    """An action s(t, x, c) of shape (B,) with its two derivatives."""
-
-    def __call__(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
-        """s_t(x; c)."""
-        ...
-
-    def derivatives(
-        self, t: Tensor | float, x: Tensor, c: Tensor | None = None
-    ) -> tuple[Tensor, Tensor]:
-        """ds/dt of shape (B,) and the gradient in x of shape (B, d)."""
-        ...
-
-
-class Path(Protocol):
-    """Where the middle is: x_t of shape (B, d) from x0, x1 of shape (B, d) and t of shape (B,)."""
-
-    def __call__(self, x0: Tensor, x1: Tensor, t: Tensor) -> Tensor:
-        """The points of the path."""
-        ...
+#: Where the middle is: x_t of shape (B, d) from x0, x1 of shape (B, d) and t of shape (B,).
+Path: TypeAlias = Callable[[Tensor, Tensor, Tensor], Tensor]
 
 
 class ActionMLP(nn.Module):
@@ -130,7 +112,7 @@ class OptimalAction(nn.Module):
 
 
 def action_matching_loss(
-    action: Action,
+    action: ActionMLP | OptimalAction,
     pairs: Pairs,
     generator: torch.Generator | None = None,
     *,

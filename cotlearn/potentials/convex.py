@@ -29,7 +29,10 @@ START: dict[str, Any] = {"steps": 500, "batch_size": 256, "learning_rate": 1e-2}
 
 
 class ConvexPotential(nn.Module):
-    """Psi(x; c), convex in x. A subclass writes `value`; gradient and Hessian come by autodiff.
+    """Psi(x; c), convex in x.
+
+    A subclass writes `value`, and gradient and Hessian come by autodiff; or it writes `given`,
+    which returns a function of x with its own `value`, `gradient`, `hessian` and `rows`.
 
     Args:
         dim: d, columns of x.
@@ -43,11 +46,11 @@ class ConvexPotential(nn.Module):
 
     def value(self, x: Tensor, c: Tensor | None) -> Tensor:
         """The formula: Psi(x; c) of shape (B,), convex in x."""
-        raise NotImplementedError
+        return self.given(c).value(x)
 
     def forward(self, x: Tensor, c: Tensor | None = None) -> Tensor:
         """Psi(x; c) for x of shape (B, d) and c of shape (B, k), or None; shape (B,)."""
-        return self.given(c).value(x)
+        return self.value(x, c)
 
     def gradient(self, x: Tensor, c: Tensor | None = None) -> Tensor:
         """The gradient in x, shape (B, d): the map. Its own graph leads to the parameters."""
@@ -212,10 +215,6 @@ class ICNN(ConvexPotential):
         self.root = nn.Parameter(torch.eye(dim))
         self.b = nn.Parameter(torch.zeros(dim))
 
-    def value(self, x: Tensor, c: Tensor | None) -> Tensor:
-        """Psi(x), shape (B,)."""
-        return self.given(c).value(x)
-
     def given(self, c: Tensor | None) -> _Layers:
         """The network with its positive weights made."""
         return _Layers(
@@ -292,10 +291,6 @@ class PICNN(ConvexPotential):
             self.gaussian = _condition_network(condition_dim, n, dim + dim * dim)
             self.shape = _condition_network(condition_dim, n, (depth + 1) * width + dim * dim)
         self.root = nn.Parameter(torch.eye(dim))
-
-    def value(self, x: Tensor, c: Tensor | None) -> Tensor:
-        """Psi(x; c), shape (B,)."""
-        return self.given(c).value(x)
 
     def given(self, c: Any) -> _Layers:
         """The network with the conditions of its rows filled in."""
