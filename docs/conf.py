@@ -13,6 +13,10 @@ ROOT = HERE.parent
 sys.path[:0] = [str(HERE / "extensions"), str(ROOT)]
 
 from cotlearn import __version__  # noqa: E402
+from cotlearn.policies import methods, training  # noqa: E402
+
+# `methods` imports these for type checkers only, because `training` imports it; autodoc links them
+vars(methods).update(Options=training.Options, Run=training.Run)
 
 project = "cotlearn"
 author = "The cotlearn authors"
