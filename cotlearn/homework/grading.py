@@ -12,7 +12,6 @@ import hashlib
 import io
 import json
 import os
-import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, astuple, dataclass
@@ -81,11 +80,8 @@ def grade(
         raise ValueError(f"there is no notebook (*.ipynb) in {folder}")
     limits = limits or Limits()
     salt = _salt(masters, limits)
-    stop = threading.Event()
 
-    def one(path: Path) -> Row | None:
-        if stop.is_set():
-            return None
+    def one(path: Path) -> Row:
         file = path.relative_to(folder)
         stored = feedback / file.with_name(f"{file.name}.json")
         marked, kept = _marked(path, stored, salt, masters, limits)
@@ -97,13 +93,11 @@ def grade(
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
         try:
             for future in as_completed([pool.submit(one, path) for path in paths]):
-                row = future.result()
-                if row is not None:
-                    rows.append(row)
-                    if each is not None:
-                        each(row, len(rows), len(paths))
-        except BaseException:
-            stop.set()
+                rows.append(future.result())
+                if each is not None:
+                    each(rows[-1], len(rows), len(paths))
+        except BaseException:  # Ctrl-C too: those that run are finished, and no others begin
+            pool.shutdown(wait=False, cancel_futures=True)
             raise
     rows.sort(key=lambda row: row.file)
     write_text(out, table(rows), encoding="utf-8-sig")  # so that Excel reads the accents

@@ -168,7 +168,7 @@ def judge(answer: object, name: str, *, seed: int | None = None) -> tuple[Verdic
 
     Raises:
         TypeError: As `check`.
-        ValueError: As `check`; or a seed for a check that draws nothing.
+        ValueError: As `check`; or a seed for a check that takes none.
     """
     function = _find(name)
     if seed is not None:
