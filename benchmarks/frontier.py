@@ -1,8 +1,8 @@
-"""Does the frontier, drawn before any training, foresee what training gives?
+"""Does the frontier, drawn before any training, predict what training gives?
 
 A cell is one data set with one coupling. For each cell the frontier is estimated from pairs alone,
 then a network is trained on the same pairs and its error measured at 1 and at 32 network
-evaluations (NFE). Spearman's rank correlation says how well the first foresees the second:
+evaluations (NFE). Spearman's rank correlation says how well the first predicts the second:
 
 - `spearman_one_step`: the predicted one-step error against the trained error at NFE 1;
 - `spearman_many_steps`: the skew statistic against the trained error at NFE 32.
@@ -77,7 +77,7 @@ RULES = [
     "bootstrap interval over the cells of each data set: couplings are compared on the same data. "
     "`pooled` ranks the cells of all data sets together after the divisions above. The development "
     "cells spoke against it as the headline: floors that differ between data sets, and that the "
-    "foreseen error contains, decide its ranks. This was settled when part of the held-out cells "
+    "predicted error contains, decide its ranks. This was settled when part of the held-out cells "
     "had been seen, so both numbers are given.",
     "`interval_over_data_sets` is the bootstrap over whole data sets.",
 ]

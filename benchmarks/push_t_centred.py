@@ -1,9 +1,9 @@
-"""What does a regression, taken off before pairing, do for strata of any number on Push-T?
+"""What does a regression, subtracted before pairing, do for strata of any number on Push-T?
 
 Policies with noise paired within strata of states, from one (which is naive OT of 1,024 windows at
-a time) to 1,024, by what a regression on the state leaves over of the chunks: that of a network,
+a time) to 1,024, by the residuals of a regression of the chunks on the state: that of a network,
 trained for a fifth of the steps, or a quadratic one in closed form. Coverage at 1, 2 and 16
-evaluations, and beside it how much of the noise of training the condition foretells. Data, budget
+evaluations, and beside it how much of the noise of training the condition predicts. Data, budget
 and starts as in `push_t_strata.py`, which has strata of the chunks themselves.
 
     python benchmarks/push_t_centred.py
@@ -40,7 +40,7 @@ CLUSTERS = (1, 64, 1024)
 
 
 class QuadraticMean:
-    """What the columns of c, their squares and products foretell of x1, by least squares."""
+    """The regression of x1 on the columns of c, their squares and products, by least squares."""
 
     def fit(self, x1: Tensor, c: Tensor) -> None:
         """With a ridge of one row, once features are scaled."""
@@ -66,7 +66,7 @@ def main() -> None:
     episodes = read(find_data("push_t_demos.npz"))
     training, _ = split(episodes, held_out=SETTING["held_out"])
     table = opened(
-        "What does a regression, taken off before pairing, do for strata of any number?",
+        "What does a regression, subtracted before pairing, do for strata of any number?",
         SETTING,
     )
 

@@ -1,4 +1,4 @@
-"""Do skews that are computed before training foretell what couplings cost on Push-T?
+"""Do skews that are computed before training predict what couplings cost on Push-T?
 
 For each coupling of `cotlearn bench push-t` and of `benchmarks/push_t_strata.py`, the skew of
 20,000 pairs by near neighbours and by regression. Nothing is trained.
@@ -35,7 +35,7 @@ def main() -> None:
     """Fills the table."""
     episodes = read(find_data("push_t_demos.npz"))
     table = opened(
-        "Do skews that are computed before training foretell what couplings cost?",
+        "Do skews that are computed before training predict what couplings cost?",
         SETTING,
     )
 

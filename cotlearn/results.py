@@ -10,14 +10,14 @@ import re
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import torch
 
 from cotlearn.files import write_text
 
-Key = TypeVar("Key")
 Values = dict[str, Any]
+Say = Callable[[str], None]
 
 
 def machine(*packages: str) -> Values:
@@ -38,36 +38,34 @@ def write_json(path: Path, value: Any) -> None:
     write_text(path, text + "\n")
 
 
-def read_json(path: Path) -> Values:
-    """Reads what `write_json` wrote.
+def read_json(path: Path, *keys: str) -> Values:
+    """Reads what `write_json` wrote; the keys must be there.
 
     Raises:
-        ValueError: the file is damaged.
+        ValueError: the file is damaged, or holds something else.
     """
     try:
         found: Values = json.loads(path.read_text(encoding="utf-8"))
+        if missing := [key for key in keys if key not in found]:
+            raise ValueError(f"it has no {missing[0]}")
     except ValueError as error:
         raise ValueError(f"{path} is damaged: delete it to make it again ({error})") from error
     return found
 
 
-class Store(Generic[Key]):
+class Store:
     """Cells that are computed one after the other; an interrupted run goes on where it stopped."""
 
-    def holds(self, key: Key) -> bool:
+    def holds(self, key: Any) -> bool:
         """Whether a cell is there already."""
         raise NotImplementedError
 
-    def keep(self, key: Key, values: Values) -> None:
+    def keep(self, key: Any, values: Values) -> None:
         """Writes a cell, with "seconds" and "cpu_seconds" among its values."""
         raise NotImplementedError
 
     def fill(
-        self,
-        keys: Sequence[Key],
-        compute: Callable[[Key], Values],
-        *,
-        say: Callable[[str], None] = print,
+        self, keys: Sequence[Any], compute: Callable[[Any], Values], *, say: Say = print
     ) -> None:
         """Computes the cells that are missing, each stored at once."""
         missing = [key for key in keys if not self.holds(key)]
@@ -81,7 +79,7 @@ class Store(Generic[Key]):
             say(f"[{number}/{len(missing)}] {key}: {seconds:.0f} s")
 
 
-class Table(Store[Values]):
+class Table(Store):
     """Cells in one JSON file, each with its key.
 
     Args:
@@ -124,7 +122,7 @@ class Table(Store[Values]):
         write_json(self.path, self.document)
 
 
-class Folder(Store[str]):
+class Folder(Store):
     """One JSON file for each cell, so that several runs can work side by side.
 
     Args:
@@ -138,23 +136,16 @@ class Folder(Store[str]):
     ) -> None:
         self.path, self.protocol, self.read = path, protocol, read
 
-    def file(self, key: str) -> Path:
-        """Where a cell is."""
-        return self.path / f"{key}.json"
-
     def holds(self, key: str) -> bool:
         """Whether there is a file of this protocol.
 
         Raises:
             ValueError: the file is damaged, or of another protocol.
         """
-        file = self.file(key)
+        file = self.path / f"{key}.json"
         if not file.is_file():
             return False
-        found = read_json(file)
-        if "protocol" not in found:
-            raise ValueError(f"{file} is damaged: delete it to make it again (no protocol)")
-        stored = self.read(found["protocol"])
+        stored = self.read(read_json(file, "protocol")["protocol"])
         other = sorted(k for k in self.protocol if stored.get(k) != self.protocol[k])
         if other:
             raise ValueError(f"{file} was made with another protocol ({', '.join(other)})")
@@ -162,4 +153,4 @@ class Folder(Store[str]):
 
     def keep(self, key: str, values: Values) -> None:
         """Writes the file."""
-        write_json(self.file(key), {"protocol": self.protocol, **values})
+        write_json(self.path / f"{key}.json", {"protocol": self.protocol, **values})

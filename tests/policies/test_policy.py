@@ -170,9 +170,9 @@ def test_a_network_that_went_wrong(windows, history):
 def test_foreign_weights(windows, network, tmp_path):
     with pytest.raises(FileNotFoundError):
         ChunkPolicy.load(tmp_path / "none.safetensors")
-    save_file({"x": torch.zeros(3)}, tmp_path / "foreign.safetensors")
+    save_file({"x": torch.zeros(3)}, tmp_path / "other_tool.safetensors")
     with pytest.raises(ValueError, match="damaged or was not written by cotlearn"):
-        ChunkPolicy.load(tmp_path / "foreign.safetensors")
+        ChunkPolicy.load(tmp_path / "other_tool.safetensors")
     from cotlearn.storage import save_tensors
 
     save_tensors(tmp_path / "other.safetensors", {"x": torch.zeros(3)}, {})

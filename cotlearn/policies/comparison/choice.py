@@ -52,12 +52,12 @@ def choose(method: str | Method, training: Episodes, options: Options) -> dict[s
         data.x1, data.c, couplings, batch_size=options.ot_batch_size, rows=FRONTIER_ROWS
     )
     points = list(zip(values, list(found)[1:], strict=True))
-    clean = [(value, point) for value, point in points if not point.flagged]
+    clean = [pair for pair in points if not pair[1].flagged]
     if clean:
-        best = min(clean, key=lambda pair: pair[1].one_step_variance)[0]
+        best, _ = min(clean, key=lambda pair: pair[1].one_step_variance)
         reason = "smallest one-step variance without significant skew"
     else:
-        best = min(points, key=lambda pair: pair[1].skew)[0]
+        best, _ = min(points, key=lambda pair: pair[1].skew)
         reason = "every value skews the prior significantly; this one least"
     return {
         "option": method.open_option,

@@ -34,7 +34,7 @@ def summarise(folder: Path, path: Path, *, command: str) -> dict[str, Any]:
     Raises:
         ValueError: there is no cell, or they were made with different protocols.
     """
-    files = {file: read_json(file) for file in sorted(folder.glob("*-*.json"))}
+    files = {file: read_json(file, "protocol") for file in sorted(folder.glob("*-*.json"))}
     if not files:
         raise ValueError(f"{folder} holds no cells yet: run cotlearn bench")
     first = next(iter(files.values()))
