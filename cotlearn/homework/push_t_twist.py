@@ -16,7 +16,7 @@ from cotlearn.homework.checks.common import Array, turned
 from cotlearn.robots.push_t import GOAL, PushTVectorSim, coverage, random_state
 from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.robots.push_t.task import MAX_STEPS
-from cotlearn.robots.task import check_actions
+from cotlearn.robots.task import check_numbers
 from cotlearn.validation import check_count
 
 
@@ -75,7 +75,7 @@ def play(act: Callable[[Array], Array], twist: Twist, *, episodes: int = 20) -> 
             plan = np.asarray(act(np.stack([path[max(len(path) - 2, 0)], path[-1]], axis=1)))
             if plan.ndim != 3 or plan.shape[::2] != (episodes, 2) or plan.shape[1] == 0:
                 raise ValueError(f"act must return shape ({episodes}, n, 2), got {plan.shape}")
-            check_actions(plan, PUSH_T.action_limits, "actions of act", shape=plan.shape)
+            check_numbers(plan, PUSH_T.action_limits, "actions of act", shape=plan.shape)
         sim.step(plan[:, 0])
         plan = plan[:, 1:]
         path.append(sim.states)

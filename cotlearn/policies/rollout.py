@@ -14,7 +14,7 @@ from torch import Tensor
 
 from cotlearn.couplings.base import generator_for
 from cotlearn.progress import progress_bar
-from cotlearn.robots.task import Array, Task, check_actions
+from cotlearn.robots.task import Array, Task, check_numbers
 from cotlearn.validation import check_count
 
 FRESH = 1_000_000  #: seeds from here on are for evaluation (demonstrations' are hashed, 32 bits)
@@ -125,7 +125,7 @@ def rollout(
                 noise = policy.noise(episodes, rng)[:, rows]
                 started = time.perf_counter()
                 plan = np.zeros((episodes, policy.execute, len(task.action)))
-                plan[rows] = check_actions(
+                plan[rows] = check_numbers(
                     policy.act(history[rows], noise=noise),
                     task.action_limits,
                     "actions of the policy",

@@ -151,11 +151,11 @@ class Task:
         return self.title.lower()
 
 
-def check_actions(actions: Any, limits: ArrayLike, name: str, *, shape: tuple[int, ...]) -> Array:
-    """Returns actions as float64 if they are finite numbers within limits, and of this shape.
+def check_numbers(values: Any, limits: ArrayLike, name: str, *, shape: tuple[int, ...]) -> Array:
+    """Returns actions or a state as float64 if they are finite, within limits and of this shape.
 
     Args:
-        actions: (..., columns).
+        values: (..., columns).
         limits: (2, columns), the smallest and the largest values.
         name: of the argument.
         shape: that is expected.
@@ -164,7 +164,7 @@ def check_actions(actions: Any, limits: ArrayLike, name: str, *, shape: tuple[in
         TypeError: they are not real numbers.
         ValueError: they have another shape, are not finite or outside the limits.
     """
-    array = np.asarray(actions)
+    array = np.asarray(values)
     if array.shape != shape:
         raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
     if array.dtype.kind not in "fiu":

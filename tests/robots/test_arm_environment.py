@@ -2,17 +2,15 @@ import os
 import subprocess
 import sys
 import warnings
-from xml.etree import ElementTree
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from cotlearn.robots.arm import ArmVectorSim, random_start, rendering, solve
-from cotlearn.robots.arm import menagerie as real
+from cotlearn.robots.arm import ArmVectorSim, random_start, rendering, skeleton, solve
 from cotlearn.robots.arm.environment import Arm
-from cotlearn.robots.arm.model import compiled, scene
+from cotlearn.robots.arm.model import model_of
 from cotlearn.robots.arm.task import GOAL, KINDS, MAX_STEPS, PICTURE, TIP
 
 IDS = {kind: f"cotlearn/Arm{kind.title()}-v0" for kind in KINDS}
@@ -138,11 +136,11 @@ def test_starting_elsewhere():
         env.reset(options={"state": state})
     with pytest.raises(ValueError, match=r"options must be \{'state': ...\} or None"):
         env.reset(options={"start": state})
-    for bad in (state[:4], state * np.nan):
-        with pytest.raises(ValueError, match="state must be 10 finite numbers, got"):
+    for bad, message in ((state[:4], "have shape"), (state * np.nan, "be finite")):
+        with pytest.raises(ValueError, match=f"state must {message}"):
             env.reset(options={"state": bad})
     state[8] = 0.3
-    with pytest.raises(ValueError, match="a height above its radius"):
+    with pytest.raises(ValueError, match="state: pillars need 0 < radius < height"):
         env.reset(options={"state": state})
 
 
@@ -152,7 +150,6 @@ def test_starting_elsewhere():
         ({"kind": "rings"}, "kind must be"),
         ({"action_type": "torque"}, "action_type must be"),
         ({"render_mode": "human"}, "render_mode must be"),
-        ({"model": "real"}, "model must be"),
         ({"camera": "side"}, "camera must be"),
         ({"width": 2000}, r"width and height must be at most \(960, 720\), got \(2000, 240\)"),
         ({"height": 0}, "height must be at least 1"),
@@ -224,7 +221,7 @@ def test_the_whole_arm_is_in_the_picture(kind, camera):
         for index in range(20):
             model, data = sim.model_and_data(index)
             at, turn = data.camera(camera).xpos, data.camera(camera).xmat.reshape(3, 3)
-            seen = (rendering.positions(model, data) - at) @ turn
+            seen = (skeleton(data.qpos[None])[0] - at) @ turn
             reach = -seen[:, 2] * np.tan(np.radians(model.camera(camera).fovy[0] / 2))
             assert (np.abs(seen[:, 0]) + 0.09 < reach * 4 / 3).all()
             assert (np.abs(seen[:, 1]) + 0.09 < reach).all()
@@ -314,7 +311,7 @@ def test_an_opengl_that_cannot_be_opened_in_this_process_is_replaced(monkeypatch
 
 
 def test_the_largest_picture_is_the_one_of_the_model():
-    model = compiled(scene(random_start(np.random.default_rng(0), "ring")))
+    model = model_of(random_start(np.random.default_rng(0), "ring"))
     assert (model.vis.global_.offwidth, model.vis.global_.offheight) == PICTURE
 
 
@@ -322,139 +319,3 @@ def test_no_picture_without_a_mode():
     env = Arm("ring")
     env.reset(seed=0)
     assert env.render() is None
-
-
-# --- Menagerie --------------------------------------------------------------------------------
-
-CUBE = "\n".join(
-    [f"v {x} {y} {z}" for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1)]
-    + ["f 1 2 4", "f 1 4 3", "f 5 7 8", "f 5 8 6", "f 1 5 6", "f 1 6 2"]
-    + ["f 3 4 8", "f 3 8 7", "f 1 3 7", "f 1 7 5", "f 2 6 8", "f 2 8 4"]
-)
-
-
-@pytest.fixture
-def copy(tmp_path, monkeypatch):
-    """A folder built like Menagerie's Panda, with a cube for every link but the fifth."""
-    folder = tmp_path / "franka_emika_panda"
-    (folder / "assets").mkdir(parents=True)
-    (folder / "assets" / "cube.obj").write_text(CUBE)
-    root = ElementTree.fromstring(
-        '<mujoco><compiler meshdir="assets"/><default><default class="panda">'
-        '<default class="panda/visual"/></default></default>'
-        '<asset><material class="panda" name="white" rgba="1 1 1 1"/><mesh file="cube.obj"/>'
-        '<mesh name="unused" file="missing.stl"/></asset><worldbody/></mujoco>'
-    )
-    parent = root.find("worldbody")
-    for number in range(8):
-        parent = ElementTree.SubElement(parent, "body", name=f"link{number}")
-        if number != 5:
-            ElementTree.SubElement(
-                parent, "geom", {"class": "panda/visual"}, mesh="cube", material="white"
-            )
-        ElementTree.SubElement(parent, "geom", {"class": "panda/collision"}, mesh="unused")
-    ElementTree.ElementTree(root).write(folder / "panda_nohand.xml")
-    monkeypatch.setenv(real.ROOT, str(tmp_path))
-    return folder
-
-
-def test_meshes_change_the_looks_and_nothing_else(copy):
-    state = random_start(np.random.default_rng(0), "ring")
-    plain, dressed = compiled(scene(state)), compiled(scene(state, model="menagerie"))
-    assert dressed.nmesh == 1
-    assert dressed.ngeom == plain.ngeom + 7
-    assert np.allclose(dressed.body_mass, plain.body_mass)
-    assert np.allclose(dressed.body_inertia, plain.body_inertia)
-    meshes = dressed.geom_type == 7
-    assert meshes.sum() == 7
-    assert (dressed.geom_contype[meshes] == 0).all()
-    assert dressed.geom("forearm").group == 0
-    assert dressed.geom("hand").group == 3
-    assert dressed.geom("rod").group == 0
-    both = [Arm("ring", model=model) for model in ("capsules", "menagerie")]
-    for env in both:
-        env.reset(seed=2)
-    one, other = (env.step(np.array([0.5, 0.2, 0.2]))[0] for env in both)
-    assert np.array_equal(one, other)
-
-
-#: visible meshes of each link in Menagerie's Panda (panda_nohand.xml at 251ca9e)
-PARTS = (11, 1, 1, 4, 4, 3, 17, 8)
-
-
-def test_a_folder_with_as_many_parts_as_the_real_one(copy):
-    """Each mesh has a file and a material of its own; those for contacts have no file here."""
-    root = ElementTree.parse(copy / "panda_nohand.xml").getroot()
-    assets = root.find("asset")
-    for link, parts in enumerate(PARTS):
-        body = root.find(f".//body[@name='link{link}']")
-        for geom in body.findall("geom[@mesh='cube']"):
-            body.remove(geom)
-        for part in range(parts):
-            name = f"link{link}_{part}" if parts > 1 else f"link{link}"
-            (copy / "assets" / f"{name}.obj").write_text(CUBE)
-            ElementTree.SubElement(assets, "mesh", file=f"{name}.obj")
-            ElementTree.SubElement(
-                body, "geom", {"class": "panda/visual"}, mesh=name, material="white"
-            )
-    ElementTree.ElementTree(root).write(copy / "panda_nohand.xml")
-    dressed = compiled(scene(random_start(np.random.default_rng(0), "ring"), model="menagerie"))
-    assert dressed.nmesh == sum(PARTS)
-    for link, parts in enumerate(PARTS):
-        mine = dressed.geom_bodyid == dressed.body(f"link{link}").id
-        meshes = dressed.geom_type[mine] == 7
-        assert meshes.sum() == parts
-        assert (dressed.geom_group[mine][meshes] == 2).all()
-        assert (dressed.geom_group[mine][~meshes] == 3).all()
-
-
-def test_what_is_no_menagerie_is_told(copy, monkeypatch):
-    text = (copy / "panda_nohand.xml").read_text()
-    (copy / "panda_nohand.xml").write_text(text.replace("link4", "part4"))
-    with pytest.raises(ValueError, match="it has no body link4"):
-        Arm("ring", model="menagerie").reset(seed=0)
-    (copy / "panda_nohand.xml").write_text("<mujoco/>")
-    with pytest.raises(ValueError, match="is not Menagerie's Panda: it has no body link0"):
-        Arm("ring", model="menagerie").reset(seed=0)
-    (copy / "panda_nohand.xml").unlink()
-    with pytest.raises(FileNotFoundError, match=r"holds no panda_nohand.xml"):
-        Arm("ring", model="menagerie").reset(seed=0)
-    monkeypatch.delenv(real.ROOT)
-    for name in ("mujoco_menagerie", "robot_descriptions.panda_mj_description"):
-        monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(ModuleNotFoundError, match="model='menagerie' needs the meshes"):
-        Arm("ring", model="menagerie").reset(seed=0)
-
-
-def test_it_is_fetched_by_a_package(copy, monkeypatch):
-    class Fetches:
-        def get(self, name):
-            assert name == "franka_emika_panda"
-            return self
-
-        def path(self):
-            if self.offline:
-                raise OSError("no route to host")
-            return copy
-
-    package = Fetches()
-    monkeypatch.delenv(real.ROOT)
-    monkeypatch.setitem(sys.modules, "mujoco_menagerie", package)
-    package.offline = False
-    assert real.find() == copy
-    package.offline = True
-    with pytest.raises(FileNotFoundError, match=r"cannot be fetched \(no route to host\): are you"):
-        real.find()
-    monkeypatch.setitem(sys.modules, "mujoco_menagerie", None)
-    described = type("Described", (), {"PACKAGE_PATH": str(copy)})
-    monkeypatch.setitem(sys.modules, "robot_descriptions.panda_mj_description", described)
-    assert real.find() == copy
-
-
-def test_the_real_meshes():
-    """Only where they are already: nothing is fetched for a test."""
-    root = os.environ.get(real.ROOT)
-    if not root:
-        pytest.skip("MuJoCo Menagerie's meshes are not on this machine: MENAGERIE_ROOT is not set")
-    dressed = compiled(scene(random_start(np.random.default_rng(0), "ring"), model="menagerie"))
-    assert dressed.nmesh > 40

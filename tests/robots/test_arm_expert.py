@@ -15,9 +15,9 @@ from cotlearn.robots.arm.task import GOAL, KINDS, MAX_STEPS, SUCCESS, TIP, UNIT,
 from cotlearn.robots.episodes import read
 from cotlearn.robots.episodes.npz import read_arrays, write_arrays
 from cotlearn.robots.experts import record as recording
-from cotlearn.robots.experts.arm import ArmExpert, expert, minimum_jerk, via_points
+from cotlearn.robots.experts.arm import ArmExpert, expert
 from cotlearn.robots.experts.arm.expert import NOISE
-from cotlearn.robots.experts.arm.path import CLEARANCE, clearance
+from cotlearn.robots.experts.arm.path import CLEARANCE, clearance, minimum_jerk, via_points
 from cotlearn.robots.task import Demonstration
 
 SHIPPED = {"ring": ARM_RING.demonstrations, "avoid": ARM_AVOID.demonstrations}

@@ -3,13 +3,13 @@ import pytest
 
 from cotlearn.robots.arm import forward, random_start, solve
 from cotlearn.robots.arm.kinematics import LOWER, REST, SPEED, TILT, TOLERANCE, UPPER
-from cotlearn.robots.arm.model import compiled, mujoco, scene
+from cotlearn.robots.arm.model import model_of, mujoco
 from cotlearn.robots.arm.task import GOAL, KINDS, TIP
 
 
 @pytest.fixture(scope="module")
 def model():
-    return compiled(scene(random_start(np.random.default_rng(0), "ring")))
+    return model_of(random_start(np.random.default_rng(0), "ring"))
 
 
 def test_the_model_has_the_published_kinematics(model):

@@ -107,7 +107,7 @@ def test_other_and_damaged_files(episodes, tmp_path):
     with pytest.raises(FileNotFoundError, match="no such file"):
         read(tmp_path / "none.npz")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
-    with pytest.raises(ValueError, match="is not a file of demonstrations"):
+    with pytest.raises(ValueError, match="no file of demonstrations"):
         read(tmp_path / "other.npz")
     path = write_own(tmp_path / "demos.npz", episodes)
     data = path.read_bytes()

@@ -222,9 +222,9 @@ def test_other_bad_input():
         gymnasium.make(ID).step(np.ones(2, np.float32))
     with pytest.raises(ValueError, match="options must be"):
         PushT().reset(options={"reset_to_state": [0] * 5})
-    with pytest.raises(ValueError, match="must lie in the world"):
+    with pytest.raises(ValueError, match="state must lie between"):
         PushT().reset(options={"state": [0, 0, 600, 0, 0]})
-    with pytest.raises(ValueError, match="state must be 5 finite numbers"):
+    with pytest.raises(ValueError, match=r"state must be finite, got \[nan\]"):
         PushT().reset(options={"state": [1, 2, 3, 4, math.nan]})
 
 

@@ -24,10 +24,8 @@ def arm_space(figure: Figure) -> Any:
     3D axes draw in a square, so it is as wide as the longer side, and goes beyond the shorter one.
     """
     width, height = figure.get_size_inches()
-    side = max(width, height)
-    wide, high = side / width, side / height
-    place = ((1 - wide) / 2, (1 - high) / 2, wide, high)
-    return figure.add_axes(place, projection="3d")
+    wide, high = max(width, height) / width, max(width, height) / height
+    return figure.add_axes(((1 - wide) / 2, (1 - high) / 2, wide, high), projection="3d")
 
 
 def draw_arm(ax: Any, points: Array, state: Array, *, view: str = "front", zoom: float = 1) -> None:
@@ -45,30 +43,26 @@ def draw_arm(ax: Any, points: Array, state: Array, *, view: str = "front", zoom:
     ax.add_collection3d(Poly3DCollection([table], facecolor=TABLE, edgecolor=EDGE, zorder=0))
     ax.computed_zorder = False  # the table lies under all, and the arm hides what is behind it
     for pillar in pillars(state):
-        draw_pillar(ax, pillar, zorder=2)
+        draw_pillar(ax, pillar)
     ax.scatter(*state[GOAL], s=26, color=GOAL_MARK, zorder=3, depthshade=False)
     arm, joints, tool = points[:-1], points[[1, 3, 4, 5, 7]], points[-2:]
-    for line, color, width in ((arm, JOINT, 11.0), (arm, SHELL, 8.5)):
-        _line(ax, line, color=color, linewidth=width)
-    _line(ax, joints, color=JOINT, linestyle="none", marker="o", markersize=9)
-    for line, color, width in ((tool, JOINT, 4.0), (tool, ROD, 2.4)):
-        _line(ax, line, color=color, linewidth=width)
+    ends: dict[str, Any] = {"solid_capstyle": "round", "solid_joinstyle": "round", "zorder": 5}
+    ax.plot(*arm.T, color=JOINT, linewidth=11.0, **ends)
+    ax.plot(*arm.T, color=SHELL, linewidth=8.5, **ends)
+    ax.plot(*joints.T, color=JOINT, linestyle="none", marker="o", markersize=9, zorder=5)
+    ax.plot(*tool.T, color=JOINT, linewidth=4.0, **ends)
+    ax.plot(*tool.T, color=ROD, linewidth=2.4, **ends)
     ax.set(xlim=(-0.1, 0.85), ylim=(-0.45, 0.45), zlim=(0.0, 0.8))
     ax.set_box_aspect((0.95, 0.9, 0.8), zoom=zoom)
     ax.view_init(*VIEWS[view])
 
 
-def _line(ax: Any, points: Array, **look: Any) -> None:
-    ax.plot(*points.T, solid_capstyle="round", solid_joinstyle="round", zorder=5, **look)
-
-
-def draw_pillar(ax: Any, pillar: Array, *, zorder: float | None = None) -> None:
+def draw_pillar(ax: Any, pillar: Array) -> None:
     """Draws a cylinder with a round top, lit from where the camera is.
 
     Args:
         ax: 3D axes.
         pillar: x, y, radius and height.
-        zorder: of the surface, if `ax` does not compute it.
     """
     x, y, radius, height = pillar
     turn = np.linspace(0, 2 * np.pi, 25)
@@ -77,7 +71,6 @@ def draw_pillar(ax: Any, pillar: Array, *, zorder: float | None = None) -> None:
     wide = np.concatenate([[radius], radius * np.cos(bow)])
     shade = 0.85 + 0.15 * np.cos(turn + 1.4)
     colour = np.broadcast_to(np.array(to_rgb(PILLAR)) * shade[:, None], (len(rise), 25, 3))
-    order = {} if zorder is None else {"zorder": zorder}
     ax.plot_surface(
         x + wide[:, None] * np.cos(turn),
         y + wide[:, None] * np.sin(turn),
@@ -86,5 +79,5 @@ def draw_pillar(ax: Any, pillar: Array, *, zorder: float | None = None) -> None:
         shade=False,
         linewidth=0,
         antialiased=False,
-        **order,
+        zorder=2,  # where the axes do not compute it
     )

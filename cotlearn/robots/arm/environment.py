@@ -13,11 +13,10 @@ from cotlearn.robots.arm import task
 from cotlearn.robots.arm.kinematics import LOWER, UPPER
 from cotlearn.robots.arm.rendering import Painter
 from cotlearn.robots.arm.simulation import ArmVectorSim, random_start
-from cotlearn.robots.task import Array, check_actions
+from cotlearn.robots.task import Array, check_numbers
 from cotlearn.validation import check_choice, check_count
 
 ACTIONS = ("tip", "joints")
-MODELS = ("capsules", "menagerie")
 CAMERAS = ("front", "above", "wrist")
 
 
@@ -44,8 +43,6 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
         action_type: "tip" or "joints".
         render_mode: "rgb_array" or None. No display is needed, and no OpenGL either: without it
             the arm is drawn by matplotlib.
-        model: "capsules", or "menagerie" for the looks of the real arm (those online; see
-            `cotlearn.robots.arm.menagerie`). The physics are the same.
         width: of a picture, pixels.
         height: of a picture, pixels.
         camera: "front", "above" or "wrist". The last moves with the hand, and needs OpenGL.
@@ -59,7 +56,6 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
         *,
         action_type: str = "tip",
         render_mode: str | None = None,
-        model: str = "capsules",
         width: int = 320,
         height: int = 240,
         camera: str = "front",
@@ -69,13 +65,13 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
         if render_mode is not None:
             check_choice(render_mode, "render_mode", ("rgb_array",))
         self.render_mode = render_mode
-        self.model = check_choice(model, "model", MODELS)
         self.camera = check_choice(camera, "camera", CAMERAS)
         self.size = check_count(width, "width"), check_count(height, "height")
         if width > task.PICTURE[0] or height > task.PICTURE[1]:
             raise ValueError(f"width and height must be at most {task.PICTURE}, got {self.size}")
-        columns = len(task.columns(kind))
-        self.observation_space = spaces.Box(-task.FAR, task.FAR, shape=(columns,), dtype=np.float64)
+        farthest = np.full(len(task.columns(kind)), task.FAR)
+        self._state_limits = np.stack([-farthest, farthest])
+        self.observation_space = spaces.Box(*self._state_limits, dtype=np.float64)
         low, high = (task.LOW, task.HIGH) if action_type == "tip" else (LOWER, UPPER)
         self._limits = np.stack([low, high])
         self.action_space = spaces.Box(*self._limits.astype(np.float32))
@@ -95,7 +91,7 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
             ValueError: `options` holds anything else, or a start that cannot be.
         """
         super().reset(seed=seed)
-        self._sim = ArmVectorSim(self._start(options)[None], self.kind, model=self.model)
+        self._sim = ArmVectorSim(self._start(options)[None], self.kind)
         return self._sim.states[0], self._info()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -106,7 +102,7 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
             ValueError: it has another shape than the action space, is not finite or lies outside.
         """
         sim, limits = self._sim, self._limits
-        target = check_actions(action, limits, "action", shape=limits[0].shape)
+        target = check_numbers(action, limits, "action", shape=limits[0].shape)
         (sim.step if self.action_type == "tip" else sim.step_joints)(target[None])
         over, info = bool(sim.done[0]), self._info()
         reward = float(over and not info["collision"])
@@ -134,16 +130,11 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
             return random_start(self.np_random, self.kind)
         if set(options) != {"state"}:
             raise ValueError(f"options must be {{'state': ...}} or None, got {options!r}")
-        state = np.asarray(options["state"], dtype=np.float64)
-        if state.shape != self.observation_space.shape or not np.isfinite(state).all():
-            columns = len(task.columns(self.kind))
-            raise ValueError(f"state must be {columns} finite numbers, got {state.tolist()}")
+        limits = self._state_limits
+        state = check_numbers(options["state"], limits, "state", shape=limits[0].shape)
         radius, height = task.pillars(state)[:, 2:].T
-        if (radius <= 0).any() or (height <= radius).any():
-            raise ValueError(
-                "state: a pillar needs a radius above 0 and a height above its radius, got radii "
-                f"{radius.tolist()} and heights {height.tolist()}"
-            )
+        if not ((radius > 0) & (height > radius)).all():
+            raise ValueError(f"state: pillars need 0 < radius < height, got {radius}, {height}")
         return state
 
     def _info(self) -> dict[str, Any]:

@@ -72,9 +72,7 @@ class Chain:
 def forward(joints: Array) -> Chain:
     """Forward kinematics of joint angles (n, 7)."""
     cos, sin = np.cos(joints), np.sin(joints)
-    frames = np.zeros(
-        (len(joints), JOINTS, 3, 3)
-    )  # of each joint in that of the one before, at first
+    frames = np.zeros((len(joints), JOINTS, 3, 3))  # at first each in that of the joint before
     frames[..., 0, 0], frames[..., 0, 1] = cos, -sin
     frames[..., 1, 0], frames[..., 1, 1] = sin * _COS_ALPHA, cos * _COS_ALPHA
     frames[..., 2, 0], frames[..., 2, 1] = sin * _SIN_ALPHA, cos * _SIN_ALPHA

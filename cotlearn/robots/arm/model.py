@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from cotlearn.robots.arm import menagerie
 from cotlearn.robots.arm.task import GOAL, pillars
 from cotlearn.robots.task import Array
 
@@ -41,16 +40,9 @@ def mujoco() -> Any:
             os.environ["MUJOCO_GL"] = str(wanted)
 
 
-def scene(state: Array, *, model: str = "capsules") -> ElementTree.Element:
-    """The MJCF of the arm with the pillars and the goal of a state (columns,).
-
-    Args:
-        state: see `task.columns`.
-        model: "capsules", or "menagerie" for the looks of the real arm.
-    """
+def model_of(state: Array) -> Any:
+    """The `MjModel` of the arm with the pillars and the goal of a state (columns,)."""
     root = ElementTree.fromstring(_MJCF)
-    if model == "menagerie":
-        menagerie.dress(root, menagerie.find())
     (world,) = root.iter("worldbody")
     add = functools.partial(ElementTree.SubElement, world, "geom", {"class": "scene"})
     for number, (x, y, radius, height) in enumerate(pillars(state).tolist(), start=1):
@@ -59,9 +51,4 @@ def scene(state: Array, *, model: str = "capsules") -> ElementTree.Element:
         add(name=f"pillar{number}", size=repr(radius), fromto=ends, **look)
     look = {"type": "sphere", "material": "goal", "contype": "0", "conaffinity": "0"}
     add(name="goal", size="0.025", pos=" ".join(map(repr, state[GOAL].tolist())), **look)
-    return root
-
-
-def compiled(root: ElementTree.Element) -> Any:
-    """The `MjModel` of an MJCF."""
     return mujoco().MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cotlearn.robots.arm.kinematics import skeleton
 from cotlearn.robots.arm.model import mujoco
 from cotlearn.robots.task import Array
 
@@ -67,7 +68,7 @@ class Painter:
     """Makes pictures of the arm; in the way of `backend`, which is noted in `how`.
 
     Args:
-        model: an `MjModel` of the arm; that of other worlds may differ in its pillars only.
+        model: an `MjModel` of the arm; a picture's model may differ from it in its pillars only.
         size: width and height of the pictures, pixels.
         camera: of the model, "front", "above" or "wrist".
 
@@ -109,7 +110,7 @@ class Painter:
     def paint(self, model: Any, data: Any, state: Array) -> Image:
         """A picture (height, width, 3) of an `MjModel` with its `MjData`, in `state` (columns,)."""
         if self._context is None:
-            return self._draw(positions(model, data), state)
+            return self._draw(skeleton(data.qpos[None])[0], state)
         engine, (width, height) = mujoco(), self._size
         self._context.make_current()
         category = engine.mjtCatBit.mjCAT_ALL.value
@@ -142,10 +143,3 @@ class Painter:
                 self._picture.free()
             self._context.free()
             self._context = None
-
-
-def positions(model: Any, data: Any) -> Array:
-    """(10, 3), where the base, the joints and the flange are, and the tip of the tool."""
-    names = [*(f"link{number}" for number in range(8)), "tool"]
-    bodies = [data.xpos[model.body(name).id] for name in names]
-    return np.array([*bodies, data.site_xpos[model.site("tip").id]])

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.robots.arm import task
 from cotlearn.robots.arm.kinematics import LOWER, SPEED, UPPER, solve
-from cotlearn.robots.arm.model import compiled, mujoco, scene
+from cotlearn.robots.arm.model import model_of, mujoco
 from cotlearn.robots.arm.modes import homotopy_class
 from cotlearn.robots.task import Array
 
@@ -50,15 +50,14 @@ class ArmVectorSim:
     Args:
         states: (n, columns), where they start; see `task.columns`.
         kind: "ring" or "avoid".
-        model: "capsules", or "menagerie" for pictures of the real arm.
 
     Raises:
         ValueError: a start or goal cannot be: it is out of reach or in a pillar.
     """
 
-    def __init__(self, states: Array, kind: str, *, model: str = "capsules") -> None:
+    def __init__(self, states: Array, kind: str) -> None:
         self.kind, self._states, self._engine = kind, states.copy(), mujoco()
-        self._models = [compiled(scene(state, model=model)) for state in states]
+        self._models = [model_of(state) for state in states]
         self._data = [self._engine.MjData(model) for model in self._models]
         self._site = self._models[0].site("tip").id
         self._lag = -self._models[0].actuator_biasprm[:, 2] / self._models[0].actuator_gainprm[:, 0]

@@ -45,7 +45,7 @@ class Episodes:
     task: Task = PUSH_T
 
     def __post_init__(self) -> None:
-        ends = self._set("ends", np.asarray(self.ends), "iu", None)
+        ends = self._set("ends", "iu", None)
         if len(ends) == 0 or (np.diff(ends, prepend=0) < 1).any():
             raise ValueError(f"{self.name}: ends must rise, and begin above 0, got {ends}")
         self._set_table("state", self.task.state_limits)
@@ -54,7 +54,7 @@ class Episodes:
             self._set_table("intention", self.task.action_limits)
         for name in ("seed", "mode"):
             if getattr(self, name) is not None:
-                self._set(name, np.asarray(getattr(self, name)), "iu", ends.shape)
+                self._set(name, "iu", ends.shape)
 
     def __len__(self) -> int:
         return len(self.ends)
@@ -80,10 +80,9 @@ class Episodes:
         some = {name: value[index_of[name]] for name, value in known.items()}
         return replace(self, state=self.state[rows], action=self.action[rows], ends=ends, **some)
 
-    def _set(
-        self, name: str, array: NDArray[Any], kinds: str, shape: tuple[int, ...] | None
-    ) -> NDArray[Any]:
-        """Sets a field to `array` as float64 or int64, if its type and shape are right."""
+    def _set(self, name: str, kinds: str, shape: tuple[int, ...] | None) -> NDArray[Any]:
+        """Makes a field float64 or int64, if its type and shape are right."""
+        array = np.asarray(getattr(self, name))
         wanted = "integers" if kinds == "iu" else "real numbers"
         if array.dtype.kind not in kinds:
             raise TypeError(f"{self.name}: {name} must hold {wanted}, got {array.dtype}")
@@ -97,8 +96,7 @@ class Episodes:
     def _set_table(self, name: str, limits: Array) -> None:
         """Sets a field of one row a step, if its numbers are finite and within the limits."""
         low, high = limits
-        array = np.asarray(getattr(self, name))
-        values = self._set(name, array, "fiu", (int(self.ends[-1]), len(low)))
+        values = self._set(name, "fiu", (int(self.ends[-1]), len(low)))
         bad = ~((values >= low) & (values <= high)).all(axis=1)  # NaN is neither
         if bad.any():
             row = int(np.flatnonzero(bad)[0])

@@ -21,7 +21,6 @@ STATES = (AGENT, BLOCK)
 EPISODE, FRAME = "episode_index", "frame_index"
 TASK = "Push the T-shaped block onto the T-shaped target."
 RIGID = 2.0  #: pixels by which key points may miss a rigid T
-_FPS = round(1 / CONTROL_SECONDS)
 _PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _FIRST = "chunk-000/file-000.parquet"
 
@@ -153,10 +152,8 @@ def _columns(episodes: Episodes) -> dict[str, NDArray[Any]]:
     frame = np.arange(len(episodes.state)) - np.repeat(episodes.starts, episodes.lengths)
     points = corners(episodes.state[:, 2:], points=KEYPOINTS).reshape(len(frame), -1)
     covered = coverage(episodes.state[:, 2:])
-    after = np.append(covered[1:], covered[-1])  # of the state that follows, where there is one
-    after[episodes.ends - 1] = covered[episodes.ends - 1]
-    last = np.zeros(len(frame), dtype=bool)
-    last[episodes.ends - 1] = True
+    last = np.isin(np.arange(len(frame)), episodes.ends - 1)
+    after = np.where(last, covered, np.roll(covered, -1))  # of the state that follows, if any
     return {
         AGENT: episodes.state[:, :2].astype(np.float32),
         BLOCK: points.astype(np.float32),
@@ -181,7 +178,7 @@ def _info(episodes: Episodes, columns: dict[str, NDArray[Any]]) -> dict[str, Any
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 500,
-        "fps": _FPS,
+        "fps": round(1 / CONTROL_SECONDS),
         "splits": {"train": f"0:{len(episodes)}"},
         "data_path": f"data/{_PATH}",
         "video_path": None,

@@ -26,15 +26,14 @@ from cotlearn.robots.episodes.checked import Episodes
 from cotlearn.robots.registry import TASKS
 
 Arrays = dict[str, NDArray[Any]]
-_DAMAGED = (ValueError, TypeError, OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
+_NO_ZIP = (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 def read_npz(path: str | Path) -> Episodes:
     """Reads demonstrations that `cotlearn.robots.experts.record` wrote.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: the file is damaged or something else; says what is wrong.
+        ValueError: the file is missing, damaged or something else; says what is wrong.
     """
     arrays, about = read_arrays(path)
     task = TASKS.get(str(about.get("task")).lower())
@@ -61,18 +60,13 @@ def write_arrays(path: str | Path, arrays: Arrays, about: dict[str, Any]) -> Non
 
 def read_arrays(path: str | Path) -> tuple[Arrays, dict[str, Any]]:
     """Reads what `write_arrays` wrote, and checks it: the arrays, and how they were made."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"no such file: {path}")
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files if name != "about"}
             record = json.loads(str(file["about"]))
         about, digest = dict(record["about"]), record["sha256"]
-    except KeyError as error:
-        raise ValueError(f"{path} is not a file of demonstrations: no {error}") from error
-    except _DAMAGED as error:
-        raise ValueError(f"{path} is damaged or not an .npz file: {error}") from error
+    except (ValueError, TypeError, KeyError, *_NO_ZIP) as error:
+        raise ValueError(f"{path} is damaged or no file of demonstrations: {error}") from error
     if digest != _digest(arrays):
         raise ValueError(f"{path} is damaged: its arrays do not match their SHA-256")
     return arrays, about

@@ -1,13 +1,19 @@
-"""Read demonstrations from wherever they are."""
+"""Read demonstrations of every layout; write them as pictures."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+import torch
+
+from cotlearn.files import atomic_path
 from cotlearn.robots.episodes.checked import Episodes
 from cotlearn.robots.episodes.lerobot import read_lerobot
 from cotlearn.robots.episodes.npz import read_npz
 from cotlearn.robots.episodes.replay import read_replay_buffer
+from cotlearn.robots.push_t.definition import PUSH_T
+from cotlearn.robots.push_t.rasteriser import rasterise
 
 
 def read(path: str | Path) -> Episodes:
@@ -34,3 +40,33 @@ def read(path: str | Path) -> Episodes:
         f"the layout of {path} is unknown: expected an .npz of this course, a .zarr of Diffusion "
         "Policy, or the folder of a LeRobot data set"
     )
+
+
+def write_pictures(path: str | Path, episodes: Episodes, *, size: int = 96) -> None:
+    """Writes pictures, places of the agent and actions as a compressed `.npz`, atomically.
+
+    For those who want to train something else on them: nothing of this course reads such files; its
+    trainings draw the pictures that they look at. The arrays are "pixels" (rows, size, size, 3)
+    uint8, "agent_pos" (rows, 2), "action" (rows, 2) float32, and "episode_ends" (episodes,),
+    exclusive.
+
+    Args:
+        path: the file.
+        episodes: of Push-T; their pictures are held in memory, 28 kB each of 96 x 96.
+        size: width and height of a picture in pixels.
+
+    Raises:
+        ValueError: episodes of another task.
+    """
+    if episodes.task is not PUSH_T:
+        raise ValueError(f"episodes must be of push-t, got {episodes.task.name}")
+    pictures = rasterise(torch.from_numpy(episodes.state), size=size)
+    with atomic_path(path) as part, part.open("wb") as file:
+        np.savez_compressed(
+            file,
+            allow_pickle=False,
+            pixels=pictures.contiguous().numpy(),
+            agent_pos=episodes.state[:, :2].astype(np.float32),
+            action=episodes.action.astype(np.float32),
+            episode_ends=episodes.ends,
+        )

@@ -13,26 +13,19 @@ from cotlearn.robots.task import Task
 _CHOICES = 3_000_000_000  #: seeds of the expert's choices from here on
 
 
-def demonstrated_modes(
-    task: Task,
-    seeds: Sequence[int],
-    *,
-    draws: int,
-    progress: bool | None = None,
-) -> NDArray[np.int64]:
+def demonstrated_modes(task: Task, seeds: Sequence[int], *, draws: int) -> NDArray[np.int64]:
     """The mode of each of `draws` demonstrations from each start, (starts, draws).
 
     Args:
         task: what is demonstrated.
         seeds: of the starts.
         draws: demonstrations from each.
-        progress: show a bar; None: in terminals and notebooks.
     """
     expert, sim = task.expert(), task.vector_sim(np.repeat(np.asarray(seeds), draws).tolist())
     starts = sim.states
     actions = np.zeros((task.mode_steps, len(starts), len(task.action)))
     lengths = np.zeros(len(starts), dtype=np.int64)
-    with progress_bar(total=len(starts), what="demonstrations", show=progress) as bar:
+    with progress_bar(total=len(starts), what="demonstrations") as bar:
         for row, start in enumerate(starts):
             done = expert.episode(_CHOICES + row, state=start).action[: task.mode_steps]
             actions[: len(done), row], lengths[row] = done, len(done)

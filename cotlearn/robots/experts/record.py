@@ -78,7 +78,7 @@ def record(path: str | Path, task: str = "push-t", *, episodes: int, seed: int) 
 def _stored_part(path: Path, about: dict[str, Any]) -> Arrays | None:
     try:
         arrays, stored = read_arrays(path)
-    except (FileNotFoundError, ValueError):
+    except ValueError:
         return None  # missing or damaged: it is made anew
     if stored != about:
         raise ValueError(f"{path.parent} holds parts of another recording: choose another file")

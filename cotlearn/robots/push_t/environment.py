@@ -15,7 +15,7 @@ from cotlearn.robots.push_t import task
 from cotlearn.robots.push_t.geometry import corners
 from cotlearn.robots.push_t.rasteriser import draw
 from cotlearn.robots.push_t.simulation import Simulation, random_state
-from cotlearn.robots.task import check_actions
+from cotlearn.robots.task import check_numbers
 from cotlearn.validation import check_choice
 
 PIXELS = 96  #: width and height of an observed picture
@@ -82,6 +82,7 @@ class PushT(gymnasium.Env[Any, Any]):
                 gym-pusht's "reset_to_state" turns the T after placing it, and so moves it.
 
         Raises:
+            TypeError: the state is not made of real numbers.
             ValueError: `options` holds anything else, or a state outside the world.
         """
         super().reset(seed=seed)
@@ -96,7 +97,7 @@ class PushT(gymnasium.Env[Any, Any]):
             ValueError: it has not shape (2,), is not finite or lies outside the world.
         """
         limits = (0.0, 0.0), (task.SIZE, task.SIZE)
-        x, y = check_actions(action, limits, "action", shape=(2,)).tolist()
+        x, y = check_numbers(action, limits, "action", shape=(2,)).tolist()
         self._world.step(x, y)
         self._action = (x, y)
         info = self._info()
@@ -114,14 +115,8 @@ class PushT(gymnasium.Env[Any, Any]):
             return random_state(self.np_random)
         if set(options) != {"state"}:
             raise ValueError(f"options must be {{'state': ...}} or None, got {options!r}")
-        state = np.asarray(options["state"], dtype=np.float64)
-        if state.shape != (5,) or not np.isfinite(state).all():
-            raise ValueError(
-                f"state must be 5 finite numbers (agent x, y, T x, y, angle), got {state.tolist()}"
-            )
-        if not ((state[:4] >= 0) & (state[:4] <= task.SIZE)).all():
-            raise ValueError(f"state must lie in the world, [0, 512]², got {state.tolist()}")
-        return state
+        limits = [0.0] * 4 + [-math.inf], [task.SIZE] * 4 + [math.inf]
+        return check_numbers(options["state"], limits, "state", shape=(5,))
 
     def _observe(self) -> Observation:
         agent_x, agent_y, x, y, angle = state = self._world.state

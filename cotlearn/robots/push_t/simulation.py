@@ -79,8 +79,7 @@ class Simulation:
     @property
     def coverage(self) -> float:
         """The share of the goal that the T covers now."""
-        block = self._block.position
-        pose = block.x, block.y, self._block.angle
+        pose = self.state[2:]
         if self._covered[:3] != pose:  # a T at rest is not measured again
             self._covered = (*pose, coverage_of_one(*pose))
         return self._covered[3]

@@ -201,5 +201,4 @@ def _out_of_walls(pose: Array) -> Array:
 
 
 def _representable(target: Array) -> Array:
-    clipped = np.clip(target, 0.0, SIZE)
-    return np.rint(clipped / PIXEL) * PIXEL
+    return np.rint(np.clip(target, 0.0, SIZE) / PIXEL) * PIXEL

@@ -130,8 +130,6 @@ def _moves(angle: float, pushes: Pushes, places: Array) -> Move:
     x, wx = _cell(places + zero[:, 0, None], FARTHEST, PLACES, BEND)  # (m, PLACES)
     y, wy = _cell(places + zero[:, 1, None], FARTHEST, PLACES, BEND)
     t, wt = _cell(_wrap(zero[:, 2]), math.pi, TURNS, TURN_BEND)
-    shape = len(pushes), PLACES, PLACES
-    done = np.zeros(shape, dtype=bool)
     near = np.abs(_wrap(zero[:, 2])) < 0.15
     m, i, j = np.nonzero(
         near[:, None, None]
@@ -139,8 +137,7 @@ def _moves(angle: float, pushes: Pushes, places: Array) -> Move:
         & (np.abs(places + zero[:, 1, None]) < 8.0)[:, None, :]
     )
     relative = np.stack([places[i] + zero[m, 0], places[j] + zero[m, 1], zero[m, 2]], axis=1)
-    done[m, i, j] = reached(relative)
-    return x, wx, y, wy, t, wt, np.argwhere(done).astype(np.int64)
+    return x, wx, y, wy, t, wt, np.stack([m, i, j], axis=1)[reached(relative)]
 
 
 def _improved(table: Single, move: Move, cost: Single) -> Single:

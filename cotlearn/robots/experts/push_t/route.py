@@ -1,4 +1,4 @@
-"""Ways round the T for the agent: clearances and a visibility graph, all in the frame of the T."""
+"""Paths around the T for the agent: clearances and a visibility graph, in the frame of the T."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def step_back(agent: Array) -> Array:
 
 
 class Routes:
-    """Shortest ways round the T to a fixed set of places.
+    """Shortest paths around the T to a fixed set of places.
 
     Args:
         places: (s, 2), at least `CLEAR` from the T.
@@ -105,8 +105,7 @@ class Routes:
         through = reach + last[:, place]
         if direct[place] <= through.min():
             return np.empty((0, 2))
-        turns = [int(through.argmin())]
-        goal = turns[0]
+        goal = int(through.argmin())
         here = int((first + between[:, goal]).argmin())
         path = [here]
         while here != goal:
