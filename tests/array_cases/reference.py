@@ -35,7 +35,6 @@ WITHOUT = {
     "flows.OversampleT0.__call__": "not a door: a loss",
     "flows.LabelDropout.__call__": "not a door: a loss",
     "flows.Guided.__call__": "not a door: a velocity, called by `integrate`",
-    "flows.matching.*": "not doors: what losses are made of",
     "flows.flow_matching_step": "not a door: the innermost line of a training loop",
     "flows.interpolate": "not a door: a line of a loss",
     "flows.diffusion.predict": "not a door: calls a network",
