@@ -149,11 +149,10 @@ class ModelAligned(Coupling):
         return exact_permutation(-sinkhorn_plan(cost, regularization=regularization))
 
     def _velocity(self, t: float, x: Tensor, c: Tensor | None) -> Tensor:
-        device = next(self._network.parameters(), x).device
-        moved = None if c is None else c.to(device)
-        time = torch.tensor(t, dtype=x.dtype, device=device)
-        velocity: Tensor = self._network(time, x.to(device), moved)
-        return velocity.to(x.device)
+        weights = next(self._network.parameters(), x)  # their device and dtype are the network's
+        moved = None if c is None else c.to(weights)
+        velocity: Tensor = self._network(torch.tensor(t).to(weights), x.to(weights), moved)
+        return velocity.to(x)
 
     def _falling(self, first: float, last: float) -> float:
         done = min(1.0, self._step / self.warmup_steps) if self.warmup_steps else 1.0

@@ -221,12 +221,11 @@ class Coupling(WithOptions):
         while True:
             generators = [generator_for(seed, number * solves + k) for k in range(solves)]
             pairs = Pairs.cat([self.solve(data, rows, source, rng) for rng in generators])
-            order = torch.randperm(len(pairs), generator=generator_for(seed, number, purpose=2))
+            if epoch:  # it is paired cluster by cluster
+                shuffle = generator_for(seed, number, purpose=2)
+                pairs = pairs.map(itemgetter(torch.randperm(len(pairs), generator=shuffle)))
             for k in range(first, len(pairs) // batch_size):
-                cut: Any = slice(k * batch_size, (k + 1) * batch_size)
-                if epoch:  # it is paired cluster by cluster
-                    cut = order[cut]
-                yield pairs.map(itemgetter(cut))
+                yield pairs.map(itemgetter(slice(k * batch_size, (k + 1) * batch_size)))
             number, first = number + 1, 0
 
     def prepare(self, data: Any, source: Source | None, seed: int) -> None:

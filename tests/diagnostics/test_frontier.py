@@ -17,10 +17,18 @@ from cotlearn.couplings import (
     SemidiscreteOT,
     StratifiedOT,
 )
-from cotlearn.diagnostics import frontier
+from cotlearn.diagnostics import frontier, skew
 from cotlearn.gaussian import LinearGaussian
 
 SMALL = {"rows": 1536, "batch_size": 256, "repetitions": 2, "progress": False}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_relabellings():
+    """The least that can flag at .01: a test of skew is five times as quick."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(skew, "RELABELLINGS", 99)
+        yield
 
 
 def seeded(seed=0):
