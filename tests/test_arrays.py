@@ -13,15 +13,12 @@ import re
 import warnings
 from collections.abc import Callable
 from functools import cache
-from itertools import islice
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from array_cases import CASES, WITHOUT, public, that_take_arrays
-
-from cotlearn.diagnostics import recommendation
 
 
 def spoil(value: Any, kind: str, place: int) -> Any:
@@ -111,15 +108,7 @@ def call(case: Any, arrays: dict[str, Any]) -> Any:
         return case.call(**arrays)
 
 
-@pytest.fixture(autouse=True)
-def _two_candidates(monkeypatch):
-    """`recommend` compares two couplings here: it is its checks that are looked at."""
-    of_all = recommendation.candidates
-    monkeypatch.setattr(
-        recommendation, "candidates", lambda x1, c: dict(islice(of_all(x1, c).items(), 2))
-    )
-
-
+@pytest.mark.usefixtures("two_candidates")
 @pytest.mark.parametrize(
     ("name", "argument"), [(name, key) for name, case in CASES.items() for key in case.arrays]
 )

@@ -41,6 +41,7 @@ def test_there_are_blocks():
     assert len(list(blocks())) >= 8
 
 
+@pytest.mark.usefixtures("two_candidates")
 @pytest.mark.parametrize(("page", "number"), list(blocks()))
 def test_block_runs(page, number):
     needs, code = blocks_of(page)[number]
