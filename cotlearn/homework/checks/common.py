@@ -201,7 +201,10 @@ def same(
     """Whether two results are equal, numbers up to rounding."""
     if isinstance(b, str | list):
         return isinstance(a, type(b)) and a == b
-    left, right = (np.asarray(value, dtype=np.float64) for value in (a, b))
+    try:
+        left, right = (np.asarray(value, dtype=np.float64) for value in (a, b))
+    except (TypeError, ValueError):  # no numbers
+        return False
     return left.shape == right.shape and np.allclose(left, right, rtol=tolerance, atol=tolerance)
 
 

@@ -27,18 +27,11 @@ def self_test(answer: Any) -> None:
     wrong = [
         f"{name} ({hint})"
         for name, (expected, hint) in _SELF_TEST.items()
-        if not _is(answer.get(name), expected)
+        if not same(answer.get(name), expected, 1e-6)
     ]
     if wrong:
         right = len(_SELF_TEST) - len(wrong)
         raise NotYet(f"{right} of {len(_SELF_TEST)} right; look again at {'; '.join(wrong)}")
-
-
-def _is(got: Any, expected: Any) -> bool:
-    try:
-        return same(got, expected, 1e-6)
-    except (TypeError, ValueError):  # not numbers
-        return False
 
 
 @table("00.perfect_one_step")
