@@ -10,10 +10,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Last, Match, Pairs, Source, WithOptions
+from cotlearn.couplings.base import Coupling, Last, Match, Pairs, WithOptions
 
 Transform = Callable[[Tensor, Tensor], Tensor]
 OfCondition = Callable[[Tensor], Tensor]
+
+# What `Transformed` takes from the coupling inside.
+FLAGS = ("name", "solves", "uses_ot_batch", "whole_data")
+METHODS = ("prepare", "epoch_rows", "draw", "state_dict", "load_state_dict")
 
 
 @dataclass(repr=False)
@@ -62,8 +66,8 @@ class Transformed(Coupling):
         for name, function in (("forward", self.forward), ("inverse", self.inverse)):
             if not callable(function) and (name == "forward" or function is not None):
                 raise TypeError(f"{name} must be a function (x, c) -> x, got {function!r}")
-        self.name, self.solves = inner.name, inner.solves
-        self.uses_ot_batch, self.whole_data = inner.uses_ot_batch, inner.whole_data
+        for name in (*FLAGS, *METHODS):
+            setattr(self, name, getattr(inner, name))
         self._last = Last()
 
     def __call__(
@@ -88,26 +92,6 @@ class Transformed(Coupling):
         """Those of the coupling inside, for noise x0 as `stream` gives it."""
         noise = x0 if self.inverse is None else self._apply("forward", x0, c)
         return self.coupling.candidates(noise, self._apply("forward", x1, c), c)
-
-    def prepare(self, data: Any, source: Source | None, seed: int) -> None:
-        """Show the data to the coupling inside."""
-        self.coupling.prepare(data, source, seed)
-
-    def epoch_rows(self, data: Any) -> int:
-        """Those of the coupling inside."""
-        return self.coupling.epoch_rows(data)
-
-    def draw(self, data: Any, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor | None]:
-        """Those of the coupling inside."""
-        return self.coupling.draw(data, n, generator)
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Of the coupling inside."""
-        return self.coupling.state_dict()
-
-    def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Give the coupling inside back its own."""
-        self.coupling.load_state_dict(state)
 
     def _apply(self, name: str, x: Tensor, c: Tensor) -> Tensor:
         with torch.no_grad():
