@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.markup import escape
 
 from cotlearn import assets
 from cotlearn.cli import policies
@@ -48,10 +48,7 @@ def bench(
         summary = summary or (root / "data" if root else Path()) / "results" / f"{short}.json"
     assert summary is not None
     weights = weights or Path("build") / short
-
-    def say(text: str) -> None:
-        console.print(escape(text))
-
+    say = functools.partial(console.print, markup=False)
     with reported():
         import torch
 
@@ -59,12 +56,12 @@ def bench(
         from cotlearn.robots.episodes import read
 
         torch.set_num_threads(1)
-        setting = policies.setting(name, options)
+        setting, file = policies.setting(name, options, data)
         if latency:
             comparison.measure_latency(folder, weights=weights, say=say)
         else:
             comparison.bench(
-                read(policies.demonstrations(data, setting)),
+                read(file),
                 folder=folder,
                 methods=[m.strip() for m in methods.split(",")] if methods else setting.methods,
                 seeds=policies.numbers(seeds, "seeds"),
@@ -78,4 +75,4 @@ def bench(
                 say=say,
             )
         comparison.summarise(folder, summary, command=f"cotlearn bench {name}")
-    console.print(f"summary: {escape(str(summary))}")
+    say(f"summary: {summary}")

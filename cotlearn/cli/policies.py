@@ -82,24 +82,19 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     return with_them
 
 
-def setting(name: str, options: dict[str, Any]) -> Setting:
-    """The course's setting of this name, with the options that were given.
+def setting(name: str, options: dict[str, Any], data: Path | None) -> tuple[Setting, Path]:
+    """The course's setting of this name with the options that were given, and its demonstrations.
 
     Raises:
         ValueError: there is none of this name, or an option does not fit.
     """
     from cotlearn.policies.settings import SETTINGS
+    from cotlearn.robots.registry import find_task
     from cotlearn.validation import check_choice
 
     found = SETTINGS[check_choice(name, "task", tuple(SETTINGS))]
-    return replace(found, options=replace(found.options, **options))
-
-
-def demonstrations(data: Path | None, setting: Setting) -> Path:
-    """Returns the path that was given, or that of the course's demonstrations."""
-    from cotlearn.robots.registry import find_task
-
-    return data or assets.find_data(find_task(setting.task).demonstrations)
+    data = data or assets.find_data(find_task(found.task).demonstrations)
+    return replace(found, options=replace(found.options, **options)), data
 
 
 def numbers(text: str, name: str) -> list[int]:

@@ -41,8 +41,8 @@ def train(
         from cotlearn.robots.episodes import read
 
         torch.set_num_threads(1)
-        setting = policies.setting(name, options)
-        chosen = read(policies.demonstrations(data, setting))
+        setting, file = policies.setting(name, options, data)
+        chosen = read(file)
         if episodes is not None:
             chosen = chosen.select(list(range(min(episodes, len(chosen)))))
         trained = training.train(

@@ -45,5 +45,6 @@ def test_a_command_gets_the_shared_options_that_were_given():
     CliRunner().invoke(app, ["push-t", "--steps", "7", "--network", "unet", "--seed", "3"])
     CliRunner().invoke(app, ["push-t"])
     assert seen == [("push-t", {"steps": 7, "network": "unet"}, 3), ("push-t", {}, 0)]
-    setting = cli.policies.setting("push-t", {"steps": 7})
+    setting, file = cli.policies.setting("push-t", {"steps": 7}, None)
     assert setting.options.steps == 7
+    assert file.name == "push_t_demos.npz"

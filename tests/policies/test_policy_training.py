@@ -165,13 +165,13 @@ def test_bench_goes_on_and_is_summarised(episodes, tmp_path):
     folder = tmp_path / "cells"
     run(episodes, folder, ["independent"])
     before = (folder / "independent-0.json").read_bytes()
-    methods = ["independent", "reflow", "conditional_ot", "diffusion", "behaviour_cloning"]
-    said = run(episodes, folder, methods, seeds=[0, 1])
-    assert "10 cells, 1 done already" in said
+    methods = ["independent", "reflow", "conditional_ot", "diffusion"]
+    assert "4 cells, 1 done already" in run(episodes, folder, methods)
+    run(episodes, folder, ["behaviour_cloning"], seeds=[0, 1])
     assert (folder / "independent-0.json").read_bytes() == before
-    assert len(list(folder.glob("*-*.json"))) == 10
+    assert len(list(folder.glob("*-*.json"))) == 6
     assert not list((folder / "weights").glob("*training*"))
-    cell = json.loads((folder / "conditional_ot-1.json").read_text())
+    cell = json.loads((folder / "conditional_ot-0.json").read_text())
     assert len(cell["samplers"]["euler-2"]["outcomes"]["coverage"]) == 2
     assert cell["chosen"]["value"] > 0
 
@@ -182,14 +182,14 @@ def test_bench_goes_on_and_is_summarised(episodes, tmp_path):
     assert summary["demonstrations"]["mode_entropy"] == 0  # always straight on
     reference = rows["independent", "euler-16"]
     assert reference["against_reference"]["coverage"] == (0.0, 0.0, 0.0)
-    row = rows["diffusion", "ddpm-100"]
-    assert row["nfe"] == 100
+    assert rows["diffusion", "ddpm-100"]["nfe"] == 100
+    row = rows["behaviour_cloning", "mean"]
     assert len(row["coverage_of_seeds"]) == 2
     low, high = row["coverage_interval"]
     assert low <= row["coverage"] <= high
 
-    (folder / "reflow-1.json").unlink()  # the weights are still there: no new training
-    assert not any("training" in line for line in run(episodes, folder, methods, seeds=[0, 1]))
+    (folder / "reflow-0.json").unlink()  # the weights are still there: no new training
+    assert not any("training" in line for line in run(episodes, folder, methods))
 
 
 def test_an_interrupted_bench_loses_nothing(episodes, tmp_path, monkeypatch):
