@@ -3,7 +3,12 @@
 import subprocess
 import sys
 
+import gymnasium
+import numpy as np
 import pytest
+
+from cotlearn.assets import find_data
+from cotlearn.robots.registry import TASKS, find_task
 
 PHYSICS = ("pymunk", "mujoco", "matplotlib")
 MODULES = ("cotlearn.robots.push_t.task", "cotlearn.robots.arm.task", "cotlearn.robots.registry")
@@ -21,3 +26,26 @@ def test_the_base_installation_draws_and_reports_without_simulators(module):
     without = "sys.modules.update(dict.fromkeys(('gymnasium', 'pymunk', 'mujoco')))"
     code = f"import sys; {without}; import {module}"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
+def test_a_registered_task_is_complete(task):
+    """Environment, simulations, frames and demonstrations belong together."""
+    assert find_task(task.name) is task
+    state, _ = gymnasium.make(task.environment).reset(seed=3)
+    states = task.vector_sim([2, 3]).states
+    assert states.shape == (2, len(task.state)) == (2, len(task.state_units))
+    assert state[:4] == pytest.approx(states[1, :4])
+    assert ((states >= task.state_limits[0]) & (states <= task.state_limits[1])).all()
+    assert find_data(task.demonstrations).is_file()
+    history = np.repeat(states[:, None], 2, axis=1)
+    actions = np.random.default_rng(0).uniform(*task.action_limits, (2, 5, len(task.action)))
+    for frame in task.frames.values():
+        assert frame.observe(history).shape == (2, 2, frame.features)
+        there = frame.to_frame(actions, history)
+        assert np.allclose(frame.from_frame(there, history), actions)
+
+
+def test_an_unknown_task_is_refused():
+    with pytest.raises(ValueError, match="task must be one of push-t, arm-ring, arm-avoid"):
+        find_task("juggling")
