@@ -42,11 +42,10 @@ def bench(
     completed in several goes, or by two runs side by side on different methods or seeds.
     """
     short, root = name.replace("-", "_"), assets.checkout()
-    summary = summary or (folder and folder.with_suffix(".json"))
-    if folder is None:
-        folder = (root / "benchmarks" if root else Path()) / "results" / short
-        summary = summary or (root / "data" if root else Path()) / "results" / f"{short}.json"
-    assert summary is not None
+    places = ("benchmarks/results", "data/results") if root else ("results", "results")
+    cells, table = ((root or Path()) / place / short for place in places)
+    summary = summary or (folder or table).with_suffix(".json")
+    folder = folder or cells
     weights = weights or Path("build") / short
     say = functools.partial(console.print, markup=False)
     with reported():
