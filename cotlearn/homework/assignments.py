@@ -15,8 +15,7 @@ from pathlib import Path
 from cotlearn import assets
 
 _CONFIG = re.compile(r'""" +# BEGIN TEST CONFIG\n(.*?)""" +# END TEST CONFIG\n', re.DOTALL)
-_POINTS = re.compile(r"^points: *([\d.]+)$", re.MULTILINE)
-_MESSAGE = re.compile(r"^failure_message: *(.*)$", re.MULTILINE)
+_OPTION = re.compile(r"^(\w+): *(.*)$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -112,15 +111,10 @@ def read(path: Path, name: str) -> Assignment:
     tests: list[HiddenTest] = []
     for cell in notebook.cells:
         if config := _CONFIG.match(cell.source):
-            hint = _MESSAGE.search(config[1])
-            points = _POINTS.search(config[1])
-            tests.append(
-                HiddenTest(
-                    source=cell.source[config.end() :],
-                    points=float(points[1]) if points else 1.0,
-                    hint=hint[1].strip("\"' ") if hint else "",
-                )
-            )
+            options = dict(_OPTION.findall(config[1]))
+            hint = options.get("failure_message", "").strip("\"' ")
+            source, points = cell.source[config.end() :], float(options.get("points", 1))
+            tests.append(HiddenTest(source, points, hint))
         elif "check" in cell.metadata.get("tags", []):
             called = _checks(cell.source)
             questions += [Question(item, answer, tuple(tests)) for answer, item in called]

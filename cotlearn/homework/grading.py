@@ -79,7 +79,8 @@ def grade(
     if not paths:
         raise ValueError(f"there is no notebook (*.ipynb) in {folder}")
     limits = limits or Limits()
-    salt = _salt(masters, limits)
+    tests = (hashlib.sha256(path.read_bytes()).hexdigest() for path in assignments.masters(masters))
+    salt = json.dumps([cotlearn.__version__, *map(float, astuple(limits)), *tests])
 
     def one(path: Path) -> Row:
         file = path.relative_to(folder)
@@ -110,26 +111,18 @@ def _marked(
     """What was found about a notebook, and whether it was known from an earlier run."""
     try:
         key = hashlib.sha256(salt.encode() + path.read_bytes()).hexdigest()
-    except OSError as error:
-        return Marked("", "", (), f"it cannot be read: {error.strerror}"), False
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # missing or torn
-        record = json.loads(stored.read_text(encoding="utf-8"))
-        if record["key"] == key:
-            return Marked.from_json(record["marked"]), True
-    try:
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # missing or torn
+            record = json.loads(stored.read_text(encoding="utf-8"))
+            if record["key"] == key:
+                known = record["marked"]
+                return Marked(**{**known, "marks": [Mark(**item) for item in known["marks"]]}), True
         marked = mark(path, hidden=True, masters=masters, limits=limits)
     except ValueError as error:
-        marked = Marked("", "", (), str(error))
-    except Exception as error:  # ours, not the student's: said, and tried again the next time
-        return Marked("", "", (), f"{type(error).__name__}: {error}"), False
+        marked = Marked(note=str(error))
+    except Exception as error:  # not the student's: said, and tried again the next time
+        return Marked(note=f"{type(error).__name__}: {error}"), False
     write_text(stored, json.dumps({"key": key, "marked": asdict(marked)}, indent=1) + "\n")
     return marked, False
-
-
-def _salt(masters: Path | None, limits: Limits) -> str:
-    """Changes with the tests, the version and the limits."""
-    files = (hashlib.sha256(path.read_bytes()).hexdigest() for path in assignments.masters(masters))
-    return json.dumps([cotlearn.__version__, *map(float, astuple(limits)), *files])
 
 
 def table(rows: Iterable[Row]) -> str:
@@ -138,7 +131,7 @@ def table(rows: Iterable[Row]) -> str:
     asked = dict.fromkeys(item.question for row in rows for item in row.marked.marks)
     questions = sorted(asked, key=lambda name: name.split(".")[0])  # keeps an assignment's order
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\r\n")
+    writer = csv.writer(text)
     writer.writerow(["file", "assignment", "points", "out_of", "percent", "note", *questions])
     for row in rows:
         marked = row.marked
@@ -173,8 +166,7 @@ def _words(item: Mark) -> list[str]:
         return ["✓ correct"]
     if item.verdict == "not attempted yet":
         return ["not attempted"]
-    first = [] if item.verdict == "correct" else [f"✗ {item.sentence}"]
-    more = [hint for hint in item.hints if hint != item.sentence]
-    if not first and more:
-        first = ["✓ the self-check passes, and a hidden test does not:"]
-    return first + [f"- {hint}" for hint in more]
+    first = f"✗ {item.sentence}"
+    if item.verdict == "correct":
+        first = "✓ the self-check passes, and a hidden test does not:"
+    return [first, *(f"- {hint}" for hint in item.hints if hint != item.sentence)]

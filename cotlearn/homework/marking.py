@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import cotlearn
 from cotlearn.homework import isolation, submissions
-from cotlearn.homework.assignments import HiddenTest, Question, find
-from cotlearn.homework.isolation import Limits
+from cotlearn.homework.assignments import Question, find
+from cotlearn.homework.isolation import Job, Limits
 from cotlearn.homework.registry import Verdict
 from cotlearn.homework.submissions import Submission
-from cotlearn.homework.worker import Job
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,7 @@ class Mark:
     sentence: str
     points: float
     out_of: float
-    hints: tuple[str, ...] = ()
+    hints: list[str] = field(default_factory=list)
 
     @property
     def correct(self) -> bool:
@@ -53,9 +51,9 @@ class Marked:
         note: what is wrong with the notebook as a whole; "" if nothing is.
     """
 
-    assignment: str
-    title: str
-    marks: tuple[Mark, ...]
+    assignment: str = ""
+    title: str = ""
+    marks: list[Mark] = field(default_factory=list)
     note: str = ""
 
     @property
@@ -67,17 +65,6 @@ class Marked:
     def out_of(self) -> float:
         """What could be earned."""
         return sum(mark.out_of for mark in self.marks)
-
-    @classmethod
-    def from_json(cls, stored: dict[str, Any]) -> Marked:
-        """Reads what `dataclasses.asdict` gave and JSON stored.
-
-        Raises:
-            KeyError: A part is missing.
-            TypeError: A part is of another kind.
-        """
-        marks = (Mark(**{**item, "hints": tuple(item["hints"])}) for item in stored["marks"])
-        return cls(stored["assignment"], stored["title"], tuple(marks), stored["note"])
 
 
 def mark(
@@ -109,21 +96,15 @@ def mark(
     assignment = find(submission.assignment, masters)
     marks = []
     for question in assignment.questions:
-        tests = question.tests if hidden else ()
-        marks.append(_mark(submission, question, assignment.setup, tests, limits or Limits()))
+        asked = question if hidden else replace(question, tests=())
+        marks.append(_mark(submission, asked, assignment.setup, limits or Limits()))
         if each is not None:
             each(marks[-1])
-    return Marked(assignment.name, assignment.title, tuple(marks), _note(submission))
+    return Marked(assignment.name, assignment.title, marks, _note(submission))
 
 
-def _mark(
-    submission: Submission,
-    question: Question,
-    setup: str,
-    tests: tuple[HiddenTest, ...],
-    limits: Limits,
-) -> Mark:
-    out_of = sum(test.points for test in tests)
+def _mark(submission: Submission, question: Question, setup: str, limits: Limits) -> Mark:
+    out_of = sum(test.points for test in question.tests)
     names = submissions.names_in(question.answer)
     found = {name: submission.defining(name) for name in sorted(names)}
     for name, cell in found.items():
@@ -131,25 +112,16 @@ def _mark(
             sentence = _missing(submission, question, name)
             return Mark(question.name, Verdict.NOT_YET, sentence, 0, out_of)
     own = next(cell.number for cell in found.values() if cell is not None)
-    cells = tuple(submission.needed(names))
-    job = Job(setup, cells, own, question.answer, question.name, tests)
-    outcome = isolation.run(job, limits)
-    verdict, sentence = str(Verdict.NOT_YET), outcome.problem or ""
-    points, hints, done = 0.0, [], 0
-    for message in outcome.messages:
-        if "verdict" in message:
-            verdict, sentence = message["verdict"], message["sentence"]
-        elif message.get("test") == done and done < len(tests):
-            if message["passed"]:
-                points += tests[done].points
-            else:
-                hints.append(message["sentence"])
-            done += 1
-    if outcome.problem is not None and done < len(tests):
-        hints.append(outcome.problem)
-    if verdict == Verdict.NOT_ATTEMPTED:
-        hints = []
-    return Mark(question.name, verdict, sentence, points, out_of, tuple(dict.fromkeys(hints)))
+    job = Job(question, setup, submission.needed(names), own)
+    findings, problem = isolation.run(job, limits)
+    verdict, sentence = findings[0] if findings else (str(Verdict.NOT_YET), problem or "")
+    complaints = findings[1:]
+    tried = zip(question.tests, complaints, strict=False)  # fewer if the process ended early
+    points = sum(test.points for test, complaint in tried if not complaint)
+    if problem is not None and len(complaints) < len(question.tests):
+        complaints.append(problem)
+    hints = list(dict.fromkeys(filter(None, complaints)))
+    return Mark(question.name, verdict, sentence, points, out_of, hints)
 
 
 def _missing(submission: Submission, question: Question, name: str) -> str:
@@ -172,7 +144,6 @@ def _missing(submission: Submission, question: Question, name: str) -> str:
 
 def _note(submission: Submission) -> str:
     """A word where the notebook was made for another minor version of cotlearn."""
-    made, here = submission.version, str(cotlearn.__version__)
-    if made is None or made.split(".")[:2] == here.split(".")[:2]:
-        return ""
-    return f"made with cotlearn {made}, marked with {here}"
+    made, here = submission.version, cotlearn.__version__
+    same = not made or made.split(".")[:2] == here.split(".")[:2]
+    return "" if same else f"made with cotlearn {made}, marked with {here}"

@@ -17,7 +17,8 @@ from cotlearn.robots.push_t import GOAL, PushTVectorSim, coverage, random_state
 from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.robots.push_t.task import MAX_STEPS
 from cotlearn.robots.task import check_numbers
-from cotlearn.validation import check_count
+
+EPISODES = 20
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Twist:
 
 @dataclass(frozen=True)
 class Played:
-    """What happened in E episodes.
+    """What happened in E = 20 episodes.
 
     Attributes:
         coverage: (E,), best coverage of the new goal.
@@ -55,26 +56,25 @@ def covered(states: Array, goal: tuple[float, float, float]) -> Array:
     return np.asarray(coverage(np.column_stack([place, states[:, 4] + turn])))
 
 
-def play(act: Callable[[Array], Array], twist: Twist, *, episodes: int = 20) -> Played:
-    """Plays episodes side by side, all to `MAX_STEPS`; their starts are outside of the obstacle.
+def play(act: Callable[[Array], Array], twist: Twist) -> Played:
+    """Plays 20 episodes side by side to `MAX_STEPS`; their starts are outside of the obstacle.
 
     Args:
-        act: Histories of two states, (E, 2, 5), to actions (E, n, 2) in the world; all n are done
-            before it is asked again.
+        act: Histories of two states, (20, 2, 5), to actions (20, n, 2) in the world; all n are
+            done before it is asked again.
         twist: The goal and the obstacle.
-        episodes: How many.
 
     Raises:
         ValueError: `act` returns another shape, or places outside the world.
     """
-    sim = PushTVectorSim(_starts(check_count(episodes, "episodes"), twist))
+    sim = PushTVectorSim(_starts(twist))
     path = [sim.states]
-    plan = np.zeros((episodes, 0, 2))
+    plan = np.zeros((EPISODES, 0, 2))
     for _ in range(MAX_STEPS):
         if plan.shape[1] == 0:
             plan = np.asarray(act(np.stack([path[max(len(path) - 2, 0)], path[-1]], axis=1)))
-            if plan.ndim != 3 or plan.shape[::2] != (episodes, 2) or plan.shape[1] == 0:
-                raise ValueError(f"act must return shape ({episodes}, n, 2), got {plan.shape}")
+            if plan.ndim != 3 or plan.shape[::2] != (EPISODES, 2) or plan.shape[1] == 0:
+                raise ValueError(f"act must return shape ({EPISODES}, n, 2), got {plan.shape}")
             check_numbers(plan, PUSH_T.action_limits, "actions of act", shape=plan.shape)
         sim.step(plan[:, 0])
         plan = plan[:, 1:]
@@ -91,8 +91,8 @@ def _inside(states: Array, twist: Twist) -> NDArray[np.bool_]:
     return np.asarray(np.hypot(states[..., 0] - x, states[..., 1] - y) < radius)
 
 
-def _starts(episodes: int, twist: Twist) -> Array:
+def _starts(twist: Twist) -> Array:
     seeds = itertools.count(2_000_000)  # those of evaluation begin at 1_000_000
     drawn = (np.array(random_state(np.random.default_rng(seed))) for seed in seeds)
     free = (state for state in drawn if not _inside(state, twist))
-    return np.array(list(itertools.islice(free, episodes)))
+    return np.array(list(itertools.islice(free, EPISODES)))

@@ -10,7 +10,6 @@ import difflib
 import enum
 import functools
 import importlib
-import inspect
 import math
 import pkgutil
 import re
@@ -51,8 +50,8 @@ class NotYet(Exception):
     """Raised by a check with a sentence that helps the learner on."""
 
 
-class _OutOfTime(BaseException):
-    """The answer ran for too long; no Exception, so that no `except Exception` swallows it."""
+class Stopped(BaseException):
+    """The answer cannot go on, and why; no Exception, so that no `except` in it swallows this."""
 
 
 def exercise(name: str) -> Callable[[_Check], _Check]:
@@ -168,25 +167,20 @@ def judge(answer: object, name: str, *, seed: int | None = None) -> tuple[Verdic
 
     Raises:
         TypeError: As `check`.
-        ValueError: As `check`; or a seed for a check that takes none.
+        ValueError: As `check`.
     """
     function = _find(name)
-    if seed is not None:
-        if "seed" not in inspect.signature(function).parameters:
-            raise ValueError(f"the check of {name!r} takes no seed, got {seed}")
-        function = functools.partial(function, seed=seed)
+    options = {} if seed is None else {"seed": seed}
     try:
         if _is_stub(answer):
             raise NotImplementedError
         watch = callable(answer) and hasattr(answer, "__name__") and not isinstance(answer, type)
         with _time_limit(TIME_LIMIT):
-            function(_watched(answer) if watch else answer)
+            function(_watched(answer) if watch else answer, **options)
     except NotImplementedError:
         return Verdict.NOT_ATTEMPTED, "not attempted yet"
-    except NotYet as reason:
+    except (NotYet, Stopped) as reason:
         return Verdict.NOT_YET, str(reason)
-    except _OutOfTime:
-        return Verdict.NOT_YET, too_long(TIME_LIMIT)
     except Exception as error:
         return Verdict.NOT_YET, f"the check could not use your answer: {_described(error)}"
     return Verdict.CORRECT, "correct"
@@ -195,12 +189,11 @@ def judge(answer: object, name: str, *, seed: int | None = None) -> tuple[Verdic
 def _find(name: str) -> _Check:
     if not isinstance(name, str):
         raise TypeError(f'name must be a string such as "01.interpolate", got {name!r}')
-    if name not in _registry:
-        available = exercises()
-        if name not in _registry:
-            near = difflib.get_close_matches(name, available, n=3, cutoff=0.5)
-            found = f"did you mean {' or '.join(near)}?" if near else f"there are: {available}"
-            raise ValueError(f"there is no exercise {name!r}; {found}")
+    available = exercises()
+    if name not in available:
+        near = difflib.get_close_matches(name, available, n=3, cutoff=0.5)
+        found = f"did you mean {' or '.join(near)}?" if near else f"there are: {available}"
+        raise ValueError(f"there is no exercise {name!r}; {found}")
     return _registry[name]
 
 
@@ -259,7 +252,7 @@ def _described(error: BaseException) -> str:
 
 @contextmanager
 def _time_limit(seconds: float) -> Iterator[None]:
-    """Raises `_OutOfTime` after `seconds`, where the system can (main thread, not Windows)."""
+    """Raises `Stopped` after `seconds`, where the system can (main thread, not Windows)."""
     if (
         math.isinf(seconds)
         or not hasattr(signal, "setitimer")
@@ -269,7 +262,7 @@ def _time_limit(seconds: float) -> Iterator[None]:
         return
 
     def stop(number: int, frame: FrameType | None) -> None:
-        raise _OutOfTime
+        raise Stopped(too_long(seconds))
 
     before = signal.signal(signal.SIGALRM, stop)
     signal.setitimer(signal.ITIMER_REAL, seconds)

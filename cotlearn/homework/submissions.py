@@ -47,12 +47,12 @@ class Submission:
 
     Attributes:
         assignment: "hw1", "01", ..., or None if nothing in the notebook tells.
-        version: of cotlearn that the notebook was made with, if it is stamped.
+        version: of cotlearn that the notebook was made with; "" if it is not stamped.
         cells: the code cells.
     """
 
     assignment: str | None
-    version: str | None
+    version: str
     cells: tuple[Cell, ...]
 
     def defining(self, name: str, before: int | None = None) -> Cell | None:
@@ -95,8 +95,7 @@ def read(path: Path) -> Submission:
     numbered = enumerate(notebook.cells, start=1)
     cells = tuple(parse_cell(i, cell) for i, cell in numbered if cell.cell_type == "code")
     stamp = _stamp(notebook)
-    version = str(stamp["version"]) if "version" in stamp else None
-    return Submission(_assignment(path, stamp, cells), version, cells)
+    return Submission(_assignment(path, stamp, cells), str(stamp.get("version", "")), cells)
 
 
 def parse_cell(number: int, cell: Any) -> Cell:

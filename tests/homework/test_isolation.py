@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from cotlearn.homework import isolation
-from cotlearn.homework.assignments import HiddenTest
-from cotlearn.homework.isolation import Limits
+from cotlearn.homework.assignments import HiddenTest, Question
+from cotlearn.homework.isolation import Job, Limits
 from cotlearn.homework.submissions import Cell
-from cotlearn.homework.worker import Job
 
 LIMITS = Limits(seconds=1, gigabytes=1)
 RIGHT = "def interpolate(x0, x1, t):\n    t = t[:, None]\n    return (1 - t) * x0 + t * x1, x1 - x0"
@@ -19,15 +18,14 @@ CELL = "your cell (number 3 of the notebook)"
 
 
 def run(source, *, tests=(), limits=LIMITS):
-    cells = (Cell(3, source),)
+    """What was found, and the problem."""
+    question = Question("01.interpolate", "interpolate", tests)
     setup = "import torch\nimport numpy as np"
-    return isolation.run(Job(setup, cells, 3, "interpolate", "01.interpolate", tests), limits)
+    return isolation.run(Job(question, setup, [Cell(3, source)], 3), limits)
 
 
 def test_a_right_answer():
-    outcome = run(RIGHT)
-    assert outcome.problem is None
-    assert outcome.messages == ({"verdict": "correct", "sentence": "correct"},)
+    assert run(RIGHT) == ([["correct", "correct"]], None)
 
 
 LOOP = "longer than 1 seconds and was stopped; is there a loop that never ends?"
@@ -59,20 +57,20 @@ MEMORY = {
 @pytest.mark.parametrize("name", ACCIDENTS)
 def test_an_accident_is_a_sentence(name, capfd):
     source, sentence = ACCIDENTS[name]
-    assert sentence in run(source).problem
+    assert sentence in run(source)[1]
     assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.skipif(not isolation.has_memory_limit(), reason="no memory limit on this system")
 @pytest.mark.parametrize("name", MEMORY)
 def test_too_much_memory_is_a_sentence(name):
-    found = run(MEMORY[name], limits=Limits(seconds=5, gigabytes=0.5))
-    assert "asked for more memory than it may have" in found.problem
+    _, problem = run(MEMORY[name], limits=Limits(seconds=5, gigabytes=0.5))
+    assert "asked for more memory than it may have" in problem
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no signals")
 def test_a_crash_is_a_sentence():
-    assert "made Python crash (SIGSEGV" in run("import ctypes\nctypes.string_at(0)").problem
+    assert "made Python crash (SIGSEGV" in run("import ctypes\nctypes.string_at(0)")[1]
 
 
 def test_deleted_files_are_not_those_of_the_notebook(tmp_path, monkeypatch):
@@ -80,16 +78,16 @@ def test_deleted_files_are_not_those_of_the_notebook(tmp_path, monkeypatch):
     kept = tmp_path / "hw1.ipynb"
     kept.write_text("precious")
     source = "import glob, os\n[os.remove(f) for f in glob.glob('*')]\nos.remove('hw1.ipynb')"
-    assert "raised FileNotFoundError" in run(source).problem
+    assert "raised FileNotFoundError" in run(source)[1]
     assert kept.read_text() == "precious"
 
 
 def test_what_was_found_before_the_accident_is_kept():
     first = HiddenTest("def test_one(interpolate):\n    assert interpolate", 1, "")
     second = HiddenTest("def test_two(interpolate):\n    import os\n    os._exit(1)", 1, "")
-    outcome = run(RIGHT, tests=(first, second))
-    assert [m.get("passed") for m in outcome.messages] == [None, True]
-    assert "ended Python" in outcome.problem
+    found, problem = run(RIGHT, tests=(first, second))
+    assert found == [["correct", "correct"], ""]
+    assert "ended Python" in problem
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")

@@ -31,18 +31,19 @@ def test_episodes(monkeypatch):
         return np.repeat(history[:, -1:, :2], 4, axis=1)
 
     twist = Twist(obstacle=(256.0, 256.0, 100.0))
+    monkeypatch.setattr(push_t_twist, "EPISODES", 3)
     monkeypatch.setattr(push_t_twist, "MAX_STEPS", 8)
-    game = play(stay, twist, episodes=3)
+    game = play(stay, twist)
     assert asked == [(3, 2, 5)] * 2
     assert game.path.shape == (9, 3, 5)
     assert (np.hypot(*(game.path[0, :, :2] - 256).T) >= 100).all()
     assert (game.touched == 0).all()
     monkeypatch.setattr(push_t_twist, "MAX_STEPS", 30)
-    inside = play(lambda h: np.full((3, 1, 2), 256.0), twist, episodes=3)
+    inside = play(lambda h: np.full((3, 1, 2), 256.0), twist)
     assert (inside.touched > 5).all()
     assert (inside.coverage >= 0).all()
 
 
 def test_another_shape_is_refused():
-    with pytest.raises(ValueError, match=r"act must return shape \(2, n, 2\), got \(2, 2\)"):
-        play(lambda h: h[:, 0, :2], Twist(), episodes=2)
+    with pytest.raises(ValueError, match=r"act must return shape \(20, n, 2\), got \(20, 2\)"):
+        play(lambda h: h[:, 0, :2], Twist())
