@@ -1,18 +1,67 @@
-"""Open a figure, and finish it: panels, axes, legends."""
+"""What every figure needs: arrays to draw, panels, axes, legends."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
+Array = Any  #: NDArray[np.float64]; the stubs of matplotlib refuse arrays that it takes
+Numbers = Any  #: a torch tensor on any device, or anything that numpy understands
 PANEL_SIZE = 2.9
 CHART = (5.2, 3.4)
+
+
+def as_array(value: Numbers, *shape: int | str) -> Array:
+    """A float array from a tensor (any device) or anything numpy understands.
+
+    Args:
+        value: numbers.
+        shape: of the array, say ``"n", 2``; a word stands for any size. Any shape by default.
+
+    Raises:
+        ValueError: another shape, which would draw something else than was meant.
+    """
+    if hasattr(value, "detach"):
+        value = value.detach().cpu()
+    array = np.asarray(value, dtype=np.float64)
+    fits = len(shape) == array.ndim and all(
+        isinstance(wanted, str) or wanted == size
+        for wanted, size in zip(shape, array.shape, strict=True)
+    )
+    if shape and not fits:
+        raise ValueError(
+            f"expected an array of shape ({', '.join(map(str, shape))}), got {array.shape}"
+        )
+    return array
+
+
+def read_condition(c: Numbers, rows: int) -> tuple[NDArray[Any] | None, int]:
+    """Read a condition: (class of each row, number of classes), (value of each row, 0), (None, 0).
+
+    One-hot rows (n, K >= 2) and integer vectors (n,) are classes; (n, 1) and float vectors (n,)
+    are values.
+
+    Raises:
+        ValueError: not one row for each point, or several columns that are not one-hot.
+    """
+    if c is None:
+        return None, 0
+    array = np.asarray(c.detach().cpu() if hasattr(c, "detach") else c)
+    if len(array) != rows:
+        raise ValueError(f"c has shape {array.shape}, expected one row for each of {rows} points")
+    if array.ndim == 2 and array.shape[1] > 1:
+        if not (np.isin(array, (0, 1)).all() and (array.sum(1) == 1).all()):
+            raise ValueError(f"c has shape {array.shape} but is not one-hot; pass one value a row")
+        return array.argmax(1), array.shape[1]
+    if array.ndim == 1 and np.issubdtype(array.dtype, np.integer):
+        return array, int(array.max(initial=0)) + 1
+    return array.reshape(rows).astype(np.float64), 0
 
 
 def panels(
@@ -73,11 +122,17 @@ def legend_beside(ax: Axes, **look: Any) -> None:
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), **look)
 
 
-def plain_logarithms(axis: Axis) -> None:
-    """Write 0.5 and 20 on a logarithmic axis instead of powers of ten, where they are short."""
-    low, high = sorted(axis.get_view_interval())
-    if high < 40 * low:  # one or two powers of ten: name steps between
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    if low >= 1e-3 and high < 2e4:
-        axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_formatter(NullFormatter())
+def logarithmic(ax: Axes, names: str) -> None:
+    """Make axes, "x", "y" or "xy", logarithmic once all is drawn.
+
+    Numbers are written as 0.5 and 20 instead of powers of ten, where that is short.
+    """
+    for name in names:
+        axis = ax.xaxis if name == "x" else ax.yaxis
+        ax.set(**{f"{name}scale": "log"})
+        low, high = sorted(axis.get_view_interval())
+        if high < 40 * low:  # one or two powers of ten: name steps between
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        if low >= 1e-3 and high < 2e4:
+            axis.set_major_formatter(lambda value, _: f"{value:g}")
+            axis.set_minor_formatter(NullFormatter())

@@ -12,10 +12,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
-from numpy.typing import ArrayLike
 
-from cotlearn.plots._arrays import Array, as_array
-from cotlearn.plots._canvas import open_axes
+from cotlearn.plots._canvas import Array, Numbers, as_array, open_axes
 from cotlearn.plots.style import PATH_COLOR, SOURCE_COLOR, condition_color
 from cotlearn.robots.arm.drawing import GOAL_MARK, PILLAR, VIEWS, draw_arm, draw_pillar
 from cotlearn.robots.arm.task import GOAL, pillars
@@ -25,12 +23,7 @@ _FAILED = -1
 
 
 def arm_paths(
-    paths: ArrayLike | Any,
-    state: ArrayLike | Any,
-    *,
-    modes: ArrayLike | Any,
-    ax: Axes | None = None,
-    title: str = "",
+    paths: Numbers, state: Numbers, *, modes: Numbers, ax: Axes | None = None, title: str = ""
 ) -> Axes:
     """Draw paths of the tip from above, with the pillars to their scale; a ring is the goal.
 
@@ -62,10 +55,10 @@ def arm_paths(
 
 
 def arm_paths_3d(
-    paths: ArrayLike | Any,
-    state: ArrayLike | Any,
+    paths: Numbers,
+    state: Numbers,
     *,
-    modes: ArrayLike | Any,
+    modes: Numbers,
     labels: Sequence[str],
     ax: Any = None,
     title: str = "",
@@ -99,9 +92,7 @@ def arm_paths_3d(
     return _finish_space(ax, title)
 
 
-def arm_pose(
-    points: ArrayLike | Any, state: ArrayLike | Any, *, ax: Any = None, title: str = ""
-) -> Any:
+def arm_pose(points: Numbers, state: Numbers, *, ax: Any = None, title: str = "") -> Any:
     """Draw the arm among its pillars, as lines between its joints.
 
     Args:
@@ -116,7 +107,7 @@ def arm_pose(
 
 
 def _by_mode(
-    lines: Array, modes: ArrayLike | Any, labels: Sequence[str] = ()
+    lines: Array, modes: Numbers, labels: Sequence[str] = ()
 ) -> Iterator[tuple[Array, dict[str, Any]]]:
     """The lines of each mode that occurs, and their look."""
     numbers = as_array(modes, len(lines)).astype(int)
@@ -136,8 +127,7 @@ def _by_mode(
 def _open_space(ax: Any) -> Any:
     if ax is not None:
         return ax
-    figure = plt.figure(figsize=SIZE, layout="constrained")
-    figure.set_layout_engine("none")  # layouts do not see the words of 3D axes
+    figure = plt.figure(figsize=SIZE, layout="none")  # no layout sees the words of 3D axes
     return figure.add_axes((0.0, 0.06, 0.88, 0.88), projection="3d")
 
 

@@ -7,18 +7,16 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import ArrayLike
 
-from cotlearn.plots._arrays import as_array
-from cotlearn.plots._canvas import legend_beside, open_axes, plain_logarithms
+from cotlearn.plots._canvas import Numbers, as_array, legend_beside, logarithmic, open_axes
 from cotlearn.plots.style import FLOOR, label_of, style_of
 
-Scores = Mapping[str, Mapping[int, ArrayLike | Any]]
+Scores = Mapping[str, Mapping[int, Numbers]]
 
 
 def curves(
-    x: ArrayLike | Any,
-    values: Mapping[str, ArrayLike | Any],
+    x: Numbers,
+    values: Mapping[str, Numbers],
     *,
     floor: float | None = None,
     floor_label: str = "floor: truth against truth",
@@ -56,12 +54,7 @@ def curves(
         ax.plot(position, seeds.mean(0), label=label_of(name, labels), **look)
     if floor is not None:
         ax.axhline(floor, label=floor_label, **FLOOR)
-    if "x" in log:
-        ax.set_xscale("log")
-        plain_logarithms(ax.xaxis)
-    if "y" in log:
-        ax.set_yscale("log")
-        plain_logarithms(ax.yaxis)
+    logarithmic(ax, log)
     ax.grid(True)
     ax.set(xlabel=xlabel, ylabel=ylabel, title=title)
     if legend:
@@ -71,7 +64,7 @@ def curves(
 
 def error_against_nfe(
     nfe: Sequence[int],
-    errors: Mapping[str, ArrayLike | Any],
+    errors: Mapping[str, Numbers],
     *,
     ylabel: str = "squared conditional $W_2$",
     log: bool = True,
@@ -113,13 +106,12 @@ def score_against_nfe(
     ax = open_axes(ax)
     shifts = 2 ** np.linspace(-0.15, 0.15, len(scores)) if len(scores) > 1 else [1.0]
     for shift, (name, curve) in zip(shifts, scores.items(), strict=True):
-        look = style_of(name)
+        look, nfes = style_of(name), sorted(curve)
         for nfe, (low, high) in intervals[name].items():
             ax.plot([nfe * shift] * 2, [low, high], color=look["color"], lw=1.2, alpha=0.7)
-        for nfe, seeds in curve.items():
-            across, up = np.broadcast_arrays(nfe * shift, as_array(seeds))
+        for nfe in nfes:
+            across, up = np.broadcast_arrays(nfe * shift, as_array(curve[nfe]))
             ax.scatter(across, up, s=9, color=look["color"], alpha=0.6, linewidths=0)
-        nfes = sorted(curve)
         means = [as_array(curve[nfe]).mean() for nfe in nfes]
         ax.plot(shift * np.array(nfes), means, label=label_of(name), **look)
     ax.set(xlabel="network evaluations per chunk (NFE)", ylabel=ylabel)
@@ -128,40 +120,30 @@ def score_against_nfe(
     return _axis_of_evaluations(ax, sorted({nfe for curve in scores.values() for nfe in curve}))
 
 
-def score_against_latency(latency: Mapping[str, Mapping[int, float]], scores: Scores) -> Axes:
-    """Plot coverage against the milliseconds that a chunk takes.
-
-    The numbers are the evaluations, where there is room for one.
+def score_against_latency(latency: Mapping[int, float], scores: Scores) -> Axes:
+    """Plot coverage against the milliseconds that a chunk takes; the evaluations stand above.
 
     Args:
-        latency: method -> evaluations -> milliseconds, above 0.
-        scores: the same keys -> (seeds,) scores.
+        latency: evaluations -> milliseconds, above 0.
+        scores: method -> evaluations -> (seeds,) scores.
     """
     ax = open_axes(None)
-    marks = []
-    for name, milliseconds in latency.items():
-        look = style_of(name)
-        points = [(milliseconds[n], as_array(scores[name][n]).mean()) for n in sorted(milliseconds)]
-        ax.plot(*zip(*points, strict=True), label=label_of(name), **look)
-        words = zip(sorted(milliseconds), points, strict=True)
-        marks += [(f"{nfe}", point, look["color"]) for nfe, point in words]
-    ax.set_xscale("log")
-    plain_logarithms(ax.xaxis)
+    for name, curve in scores.items():
+        nfes = sorted(curve)
+        means = [as_array(curve[nfe]).mean() for nfe in nfes]
+        ax.plot([latency[nfe] for nfe in nfes], means, label=label_of(name), **style_of(name))
+    logarithmic(ax, "x")
     ax.grid(True)
     ax.set(xlabel="milliseconds for a chunk", ylabel="mean best coverage")
+    above = ax.secondary_xaxis("top")
+    above.set_xticks(list(latency.values()), [f"{nfe}" for nfe in latency])
+    above.set_xlabel("network evaluations (NFE)")
+    above.minorticks_off()
     legend_beside(ax)
-    taken: list[Any] = []
-    for text, point, color in sorted(marks, key=lambda mark: -mark[1][1]):  # the highest first
-        place = ax.transData.transform(point) * 72 / ax.figure.dpi  # points of an inch
-        if any((np.abs(place - other) < (14, 11)).all() for other in taken):
-            continue  # it would stand on another number
-        taken.append(place)
-        look = {"fontsize": 7.5, "color": color, "ha": "center"}
-        ax.annotate(text, point, (0, 5), textcoords="offset points", **look)
     return ax
 
 
-def histogram(values: Mapping[str, ArrayLike | Any], *, bins: int = 40, xlabel: str) -> Axes:
+def histogram(values: Mapping[str, Numbers], *, bins: int = 40, xlabel: str) -> Axes:
     """Draw outlined histograms of several samples over common bins, as densities.
 
     Args:

@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from numpy.typing import ArrayLike
 
-from cotlearn.plots._arrays import as_array, read_condition
-from cotlearn.plots._canvas import finish_plane, open_plane
+from cotlearn.plots._canvas import Numbers, as_array, finish_plane, open_plane
 from cotlearn.plots.style import COLORS, SOURCE_COLOR, condition_colors
 
 
 def velocity_field(
-    points: ArrayLike | Any,
-    velocity: ArrayLike | Any,
-    *,
-    ax: Axes | None = None,
-    limit: float | None = None,
+    points: Numbers, velocity: Numbers, *, ax: Axes | None = None, limit: float | None = None
 ) -> Axes:
     """Draw arrows: the velocity at each point, all on one scale.
 
@@ -35,9 +27,7 @@ def velocity_field(
     return finish_plane(ax, "", limit)
 
 
-def contours(
-    across: ArrayLike | Any, up: ArrayLike | Any, height: ArrayLike | Any, *, title: str = ""
-) -> Axes:
+def contours(across: Numbers, up: Numbers, height: Numbers, *, title: str = "") -> Axes:
     """Draw a function of the plane as a map with contour lines, dark where it is low.
 
     Args:
@@ -56,7 +46,7 @@ def contours(
 
 
 def net(
-    knots: ArrayLike | Any,
+    knots: Numbers,
     *,
     ax: Axes | None = None,
     title: str = "",
@@ -81,10 +71,10 @@ def net(
 
 
 def outlines(
-    curves: ArrayLike | Any,
-    c: ArrayLike | Any,
+    curves: Numbers,
+    c: Numbers,
     *,
-    truth: ArrayLike | Any,
+    truth: Numbers,
     ax: Axes | None = None,
     title: str = "",
     limit: float | None = None,
@@ -102,7 +92,7 @@ def outlines(
         limit: both axes run from -limit to limit.
     """
     learned, true = as_array(curves, "n", "K", 2), as_array(truth, "m", "K", 2)
-    colors = condition_colors(*read_condition(c, learned.shape[1]))
+    colors = condition_colors(c, learned.shape[1])
     ax = open_plane(ax)
     for array, look in (
         (learned, {"colors": colors, "linewidths": 1.8}),

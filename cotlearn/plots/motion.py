@@ -14,17 +14,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from PIL import Image
 
-from cotlearn.plots._arrays import as_array, read_condition
-from cotlearn.plots._canvas import finish_plane, panels
+from cotlearn.plots._canvas import Numbers, as_array, finish_plane, panels
 from cotlearn.plots.style import condition_colors, label_of
 
 
-def animate(
-    paths: Mapping[str, ArrayLike | Any], c: ArrayLike | Any = None, *, limit: float
-) -> FuncAnimation:
+def animate(paths: Mapping[str, Numbers], c: Numbers = None, *, limit: float) -> FuncAnimation:
     """Animate samples of several methods side by side, all starting from the same noise.
 
     Show it with :func:`gif` (small, plays everywhere) or ``.to_jshtml()`` (with a slider).
@@ -36,7 +33,7 @@ def animate(
     """
     arrays = {name: as_array(path, "times", "n", 2) for name, path in paths.items()}
     times, n, _ = next(iter(arrays.values())).shape
-    colors = condition_colors(*read_condition(c, n))
+    colors = condition_colors(c, n)
     figure, axes = panels(len(arrays), size=2.5, shared=True)
     dots = []
     for ax, (name, array) in zip(axes, arrays.items(), strict=True):

@@ -9,10 +9,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from cotlearn.plots._arrays import as_array, read_condition
-from cotlearn.plots._canvas import finish_plane, legend_beside, open_plane, panels
+from cotlearn.plots._canvas import (
+    Numbers,
+    as_array,
+    finish_plane,
+    legend_beside,
+    open_plane,
+    panels,
+    read_condition,
+)
 from cotlearn.plots.style import (
     COLORS,
     CONDITION_MAP,
@@ -28,10 +35,10 @@ _NOISE_LIMIT = 3.6
 
 
 def scatter(
-    x: ArrayLike | Any,
-    c: ArrayLike | Any = None,
+    x: Numbers,
+    c: Numbers = None,
     *,
-    x0: ArrayLike | Any = None,
+    x0: Numbers = None,
     ax: Axes | None = None,
     title: str = "",
     limit: float | None = None,
@@ -74,13 +81,7 @@ def scatter(
 
 
 def pair_lines(
-    x0: ArrayLike | Any,
-    x1: ArrayLike | Any,
-    c: ArrayLike | Any = None,
-    *,
-    ax: Axes | None = None,
-    size: float = 14.0,
-    **options: Any,
+    x0: Numbers, x1: Numbers, c: Numbers = None, *, size: float = 14.0, **options: Any
 ) -> Axes:
     """Draw a coupling: a line from each source point to the data point it was paired with.
 
@@ -88,49 +89,36 @@ def pair_lines(
         x0: (n, 2) source points.
         x1: (n, 2) data points, row by row the partners of ``x0``.
         c: conditions of the data, as in :func:`scatter`; the lines take their colours.
-        ax: where to draw; a new figure by default.
         size: marker area in points squared.
-        options: more of :func:`scatter`: title, limit, legend.
+        options: more of :func:`scatter`: ax, title, limit, legend.
     """
     start, end = as_array(x0, "n", 2), as_array(x1, "n", 2)
-    colors = condition_colors(*read_condition(c, len(end)), plain=PATH_COLOR)
-    ax = open_plane(ax)
+    colors = condition_colors(c, len(end), plain=PATH_COLOR)
+    ax = scatter(end, c, x0=start, size=size, **options)
     lines = list(np.stack([start, end], axis=1))
     ax.add_collection(LineCollection(lines, colors=colors, lw=0.7, alpha=0.5, zorder=0))
-    return scatter(end, c, x0=start, ax=ax, size=size, **options)
+    return ax
 
 
-def trajectories(
-    path: ArrayLike | Any,
-    c: ArrayLike | Any = None,
-    *,
-    ax: Axes | None = None,
-    size: float = 9.0,
-    **options: Any,
-) -> Axes:
+def trajectories(path: Numbers, c: Numbers = None, *, size: float = 9.0, **options: Any) -> Axes:
     """Draw the path of each sample, faint, from noise (dark) to its end (coloured by c).
 
     Args:
         path: (times, n, 2), as ``integrate(..., trajectory=True).trajectory``.
         c: as in :func:`scatter`, one row a sample.
-        ax: where to draw; a new figure by default.
         size: marker area in points squared.
-        options: more of :func:`scatter`: title, limit, legend.
+        options: more of :func:`scatter`: ax, title, limit, legend.
     """
     points = as_array(path, "times", "n", 2)
-    ax = open_plane(ax)
-    lines = points.swapaxes(0, 1)
+    ax = scatter(points[-1], c, x0=points[0], size=size, **options)
+    lines = list(points.swapaxes(0, 1))
     ax.add_collection(LineCollection(lines, colors=PATH_COLOR, lw=0.6, alpha=0.35, zorder=0))
-    return scatter(points[-1], c, x0=points[0], ax=ax, size=size, **options)
+    ax.autoscale_view()
+    return ax
 
 
 def paired_source(
-    x0: ArrayLike | Any,
-    c: ArrayLike | Any,
-    *,
-    ax: Axes | None = None,
-    title: str = "",
-    legend: bool = False,
+    x0: Numbers, c: Numbers, *, ax: Axes | None = None, title: str = "", legend: bool = False
 ) -> Axes:
     """Show skew: source points coloured by the condition they were paired with.
 
@@ -145,14 +133,14 @@ def paired_source(
         legend: as in :func:`scatter`.
     """
     points = as_array(x0, "n", 2)
-    values, n_classes = read_condition(c, len(points))
-    order = np.random.default_rng(0).permutation(len(points))  # no class on top of another
-    points, values = points[order], None if values is None else values[order]
+    n_classes = read_condition(c, len(points))[1]
     if not n_classes:
-        return scatter(points, values, ax=ax, title=title, limit=_NOISE_LIMIT, legend=legend)
+        return scatter(points, c, ax=ax, title=title, limit=_NOISE_LIMIT, legend=legend)
     ax = open_plane(ax, legend=legend)
-    colors = condition_colors(values, n_classes)
-    ax.scatter(points[:, 0], points[:, 1], c=colors, s=7, alpha=0.75, linewidths=0)
+    order = np.random.default_rng(0).permutation(len(points))  # no class on top of another
+    colors = condition_colors(c, len(points))[order]
+    across, up = points[order].T
+    ax.scatter(across, up, c=colors, s=7, alpha=0.75, linewidths=0)
     if legend:
         for k in range(n_classes):
             ax.scatter([], [], color=condition_color(k), s=7, label=f"c = {k}")
@@ -161,11 +149,7 @@ def paired_source(
 
 
 def source_given_condition(
-    x0: ArrayLike | Any,
-    c: ArrayLike | Any,
-    *,
-    labels: Sequence[str] | None = None,
-    title: str = "",
+    x0: Numbers, c: Numbers, *, labels: Sequence[str] | None = None, title: str = ""
 ) -> NDArray[Any]:
     """Draw p(x0 | c) one panel a class: the paired noise in colour, all the other noise faint.
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from matplotlib.animation import FuncAnimation
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle, Polygon
-from numpy.typing import ArrayLike
 
-from cotlearn.plots._arrays import as_array
-from cotlearn.plots._canvas import open_plane, panels
+from cotlearn.plots._canvas import Numbers, as_array, open_plane, panels
 from cotlearn.plots.motion import animation_of
 from cotlearn.plots.style import COLORS, CONDITION_MAP, SOURCE_COLOR
 from cotlearn.robots.push_t.geometry import corners
@@ -22,7 +19,7 @@ from cotlearn.robots.push_t.task import AGENT_RADIUS, GOAL, SIZE
 BLOCK, GOAL_AREA = "#8895A7", "#B5DDB0"
 
 
-def push_t_state(state: ArrayLike | Any, *, ax: Axes | None = None, title: str = "") -> Axes:
+def push_t_state(state: Numbers, *, ax: Axes | None = None, title: str = "") -> Axes:
     """Draw one state: the goal in green, the T in grey, the round agent.
 
     Args:
@@ -37,7 +34,7 @@ def push_t_state(state: ArrayLike | Any, *, ax: Axes | None = None, title: str =
     return ax
 
 
-def push_t_episode(states: ArrayLike | Any, *, ax: Axes | None = None, title: str = "") -> Axes:
+def push_t_episode(states: Numbers, *, ax: Axes | None = None, title: str = "") -> Axes:
     """Draw an episode: the agent's path, early dark and late bright, and the T at six times.
 
     Args:
@@ -61,8 +58,8 @@ def push_t_episode(states: ArrayLike | Any, *, ax: Axes | None = None, title: st
 
 
 def push_t_chunks(
-    state: ArrayLike | Any,
-    chunks: ArrayLike | Any,
+    state: Numbers,
+    chunks: Numbers,
     *,
     ax: Axes | None = None,
     title: str = "",
@@ -87,9 +84,7 @@ def push_t_chunks(
     return ax
 
 
-def push_t_animation(
-    episodes: Mapping[str, ArrayLike | Any], *, every: int, panel: float
-) -> FuncAnimation:
+def push_t_animation(episodes: Mapping[str, Numbers], *, every: int, panel: float) -> FuncAnimation:
     """Animate episodes side by side; one that is over stands still. Show it with `plots.gif`.
 
     Args:

@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import ArrayLike
 
-from cotlearn.plots._arrays import as_array
-from cotlearn.plots._canvas import legend_beside, open_axes, plain_logarithms
+from cotlearn.plots._canvas import Numbers, as_array, legend_beside, logarithmic, open_axes
 from cotlearn.plots.style import FLOOR, PATH_COLOR, SOURCE_COLOR, label_of, style_of
 
 
@@ -34,21 +32,17 @@ def bars(
         log: logarithmic axis.
     """
     ax = open_axes(ax, (5.2, 0.9 + 0.42 * len(values)))
-    beside: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
-    for row, (name, value) in enumerate(values.items()):
-        ax.barh(row, value, color=style_of(name)["color"], height=0.62)
-        ax.annotate(f"{value:.3g}", (max(value, 0), row), (4, 0), **beside)
-    if log:
-        ax.set_xscale("log")
+    colors = [style_of(name)["color"] for name in values]
+    drawn = ax.barh(range(len(values)), list(values.values()), color=colors, height=0.62)
+    ax.bar_label(drawn, fmt="{:.3g}", padding=4)
     ax.margins(x=0.14)
-    if log:
-        plain_logarithms(ax.xaxis)
+    logarithmic(ax, "x" if log else "")
     ax.set(xlabel=ylabel, title=title)
     return _name_rows(ax, [label_of(name, labels) for name in values])
 
 
 def beside_published(
-    ours: Mapping[str, ArrayLike | Any],
+    ours: Mapping[str, Numbers],
     published: Mapping[str, float],
     *,
     floor: float | None = None,
@@ -84,8 +78,7 @@ def beside_published(
         ax.plot([], [], "o", color=SOURCE_COLOR, label="here, all seeds")
         ax.plot([], [], color=SOURCE_COLOR, label="published", **hollow)
         legend_beside(ax)
-    ax.set_xscale("log")
-    plain_logarithms(ax.xaxis)
+    logarithmic(ax, "x")
     ax.grid(True, axis="x")
     ax.set(xlabel="squared $W_2$", title=title)
     return _name_rows(ax, [label_of(name, labels) for name in ours])
@@ -123,7 +116,7 @@ def differences(
 
 
 def strata_heatmap(
-    values: ArrayLike | Any,
+    values: Numbers,
     *,
     rows: Sequence[Any],
     columns: Sequence[Any],

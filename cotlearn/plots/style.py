@@ -9,13 +9,14 @@ of Okabe and Ito (https://jfly.uni-koeln.de/color/), with some more from Paul To
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
+from itertools import cycle
 from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import Normalize, to_hex, to_rgb
-from numpy.typing import NDArray
+
+from cotlearn.plots._canvas import Numbers, read_condition
 
 
 class Look(NamedTuple):
@@ -62,17 +63,16 @@ PATH_COLOR = "#8c8c8c"
 FLOOR: dict[str, Any] = {"color": COLORS["truth"], "linestyle": ":", "linewidth": 1.3}
 
 # Names that are not in the table take the next free look, and keep it.
-SPARE_COLORS = ("#444444", "#6699CC", "#999933", "#AA4499", "#661100", "#44AA99")
-SPARE_MARKERS = ("<", ">", "8", "H", "1", "2", "3")
-SPARE_LINESTYLES: tuple[Any, ...] = ("-", (0, (7, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)), (0, (1, 3)))
-_SPARE: dict[str, int] = {}
-
-_STYLE_FILE = Path(__file__).parent.with_name("course.mplstyle")
+_SPARE_COLORS = ("#444444", "#6699CC", "#999933", "#AA4499", "#661100", "#44AA99")
+_SPARE_MARKERS = ("<", ">", "8", "H", "1", "2", "3")
+_SPARE_LINES = ("-", (0, (7, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)), (0, (1, 3)))
+_SPARE = zip(cycle(_SPARE_COLORS), cycle(_SPARE_MARKERS), cycle(_SPARE_LINES), strict=True)
+_SIGNS: dict[str, Any] = {name: look[1:] for name, look in LOOKS.items()}
 
 
 def use_style() -> None:
     """Apply the course's style file to every figure made from now on."""
-    plt.style.use(_STYLE_FILE)
+    plt.style.use("cotlearn.course")
 
 
 def style_of(name: str) -> dict[str, Any]:
@@ -81,14 +81,9 @@ def style_of(name: str) -> dict[str, Any]:
     A name that the course does not know, say that of a reader's own coupling, takes the next of
     210 spare looks when it is first drawn, and keeps it for the rest of the session.
     """
-    if name in LOOKS:
-        _, color, marker, linestyle = LOOKS[name]
-    else:
-        k = _SPARE.setdefault(name, len(_SPARE))
-        color = SPARE_COLORS[k % len(SPARE_COLORS)]
-        marker = SPARE_MARKERS[k % len(SPARE_MARKERS)]
-        linestyle = SPARE_LINESTYLES[k % len(SPARE_LINESTYLES)]
-    return {"color": color, "marker": marker, "linestyle": linestyle}
+    if name not in _SIGNS:
+        _SIGNS[name] = next(_SPARE)
+    return dict(zip(("color", "marker", "linestyle"), _SIGNS[name], strict=True))
 
 
 def label_of(name: str, labels: Mapping[str, str] | None = None) -> str:
@@ -113,15 +108,14 @@ def condition_color(k: int) -> str:
     return CONDITION_COLORS[k % len(CONDITION_COLORS)]
 
 
-def condition_colors(
-    values: NDArray[Any] | None, n_classes: int, *, plain: str = COLORS["independent"]
-) -> Any:
-    """One colour a row for what ``read_condition`` found, or ``plain`` without a condition.
+def condition_colors(c: Numbers, rows: int, *, plain: str = COLORS["independent"]) -> Any:
+    """One colour for each row of a condition, or ``plain`` without one.
 
     Values that are not classes are spread over the colour map from the smallest to the largest.
     """
+    values, n_classes = read_condition(c, rows)
     if values is None:
         return plain
     if n_classes:
-        return [condition_color(k) for k in values]
+        return np.array([condition_color(k) for k in values])
     return plt.get_cmap(CONDITION_MAP)(Normalize()(values))

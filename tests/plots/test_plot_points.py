@@ -72,7 +72,7 @@ def test_pair_lines_join_the_partners(cloud):
     x0, x1, c = cloud
     for condition in (None, c, x0[:, :1]):
         ax = plots.pair_lines(x0, x1, condition)
-        assert np.allclose(ax.collections[0].get_segments()[5], torch.stack([x0[5], x1[5]]).numpy())
+        assert np.allclose(ax.collections[-1].get_segments()[5], torch.stack([x0[5], x1[5]]).numpy())
 
 
 def test_paired_source_and_source_given_condition(cloud):
@@ -87,8 +87,8 @@ def test_paired_source_and_source_given_condition(cloud):
 def test_trajectories_draw_one_path_a_sample(cloud):
     path = torch.stack([cloud[0], cloud[1], cloud[1] + 1])
     ax = plots.trajectories(path, cloud[2])
-    assert len(ax.collections[0].get_segments()) == 60
-    assert np.allclose(ax.collections[0].get_segments()[7], path[:, 7].numpy())
+    assert len(ax.collections[-1].get_segments()) == 60
+    assert np.allclose(ax.collections[-1].get_segments()[7], path[:, 7].numpy())
 
 
 def test_source_given_a_condition_needs_classes():
