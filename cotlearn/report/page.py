@@ -7,13 +7,10 @@ import importlib.metadata
 import io
 import platform
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
 
 import jinja2
 import matplotlib as mpl
-import torch
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cotlearn import plots
@@ -37,33 +34,23 @@ def write_page(
     Returns:
         The path.
     """
-    source = resources.files("cotlearn.report").joinpath("page.html").read_text("utf-8")
     environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=jinja2.PackageLoader("cotlearn.report", "."),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    advice, rows, train = findings.advice, findings.rows, findings.train
-    text = environment.from_string(source).render(
-        name=rows.data.name,
-        about=rows.about,
-        facts={
-            "rows to train on": len(train),
-            "rows held out": len(findings.test),
-            "numbers in x1": train.dim,
-            "numbers in c": train.condition_dim,
-            "distinct conditions": len(torch.unique(train.c, dim=0)),
-            "groups that stay together": int(rows.group.max()) + 1,
-        },
-        advice=advice,
-        free=advice.frontier["independent"],
+    scores = {t.coupling: [t.at(n) for n in NFE] for t in findings.trials}
+    labels = {t.coupling: t.name for t in findings.trials}
+    chart = {"ylabel": "energy score, held-out rows", "log": False, "labels": labels}
+    text = environment.get_template("page.html").render(
+        findings=findings,
         nfe=NFE,
-        trials=findings.trials,
-        gains=[findings.gain(n) for n in NFE] if len(findings.trials) > 1 else [],
-        verdict=findings.verdict(),
-        frontier_figure=_figure(lambda ax: plots.frontier(advice.frontier, ax=ax)),
-        score_figure=_figure(lambda ax: _scores(findings, ax)),
+        frontier_figure=_figure(plots.frontier, findings.advice.frontier),
+        score_figure=_figure(plots.error_against_nfe, NFE, scores, **chart),
         command=command,
-        model=None if model is None else Path(model).name,
-        settings=findings.settings,
+        model=model and Path(model).name,
         versions={"python": platform.python_version()}
         | {name: importlib.metadata.version(name) for name in PACKAGES},
     )
@@ -71,20 +58,12 @@ def write_page(
     return Path(path)
 
 
-def _figure(draw: Callable[[Axes], object]) -> str:
+def _figure(draw: Callable[..., object], *data: object, **options: object) -> str:
     """A PNG as text, drawn in the style of the course without changing the caller's."""
     with mpl.rc_context():
         plots.use_style()
         figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-        draw(figure.subplots())
+        draw(*data, ax=figure.subplots(), **options)
         file = io.BytesIO()
         figure.savefig(file, format="png", dpi=130, facecolor="white")
     return base64.b64encode(file.getvalue()).decode("ascii")
-
-
-def _scores(findings: Findings, ax: Axes) -> None:
-    scores = {t.coupling: [t.at(n) for n in NFE] for t in findings.trials}
-    labels = {t.coupling: t.name for t in findings.trials}
-    plots.error_against_nfe(
-        NFE, scores, labels=labels, ax=ax, log=False, ylabel="energy score, held-out rows"
-    )

@@ -160,16 +160,12 @@ def _numbers(value: ArrayLike, name: str) -> Tensor:
 def _read_npz(path: Path) -> Rows:
     try:
         with np.load(path, allow_pickle=False) as stored:
-            missing = [key for key in ("x1", "c") if key not in stored]
-            if missing:
-                raise ValueError(
-                    f"{path} has no array {' and no array '.join(missing)}; it has {stored.files}"
-                )
             arrays = {key: stored[key] for key in ("x1", "c", "group") if key in stored}
-    except (zipfile.BadZipFile, EOFError, OSError) as error:
-        raise ValueError(f"{path} is damaged or no .npz file: {error}") from error
-    except ValueError as error:
-        if "allow_pickle" not in str(error):
-            raise
-        raise TypeError(f"{path} holds Python objects, not only arrays of numbers") from error
+            names = stored.files
+    except (zipfile.BadZipFile, EOFError, OSError, ValueError) as error:
+        raise ValueError(
+            f"{path} is damaged, no .npz file, or holds Python objects: {error}"
+        ) from error
+    if missing := [key for key in ("x1", "c") if key not in arrays]:
+        raise ValueError(f"{path} has no array {' and no array '.join(missing)}; it has {names}")
     return from_arrays(**arrays, name=path.name)

@@ -72,7 +72,8 @@ def test_pair_lines_join_the_partners(cloud):
     x0, x1, c = cloud
     for condition in (None, c, x0[:, :1]):
         ax = plots.pair_lines(x0, x1, condition)
-        assert np.allclose(ax.collections[-1].get_segments()[5], torch.stack([x0[5], x1[5]]).numpy())
+        lines = ax.collections[-1].get_segments()
+        assert np.allclose(lines[5], torch.stack([x0[5], x1[5]]).numpy())
 
 
 def test_paired_source_and_source_given_condition(cloud):
