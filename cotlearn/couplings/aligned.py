@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from cotlearn.couplings.assignment import exact_permutation, sinkhorn_plan
-from cotlearn.couplings.base import Array, Coupling, Index, Match, squared_distances, to_numpy
+from cotlearn.couplings.base import Array, Coupling, Index, Match, near_rows, squared_distances
 from cotlearn.validation import check_choice, check_count, check_number
 
 VARIANTS = ("weighted", "topk", "full")
@@ -99,10 +99,10 @@ class ModelAligned(Coupling):
         """1 but for "full": all rows of the batch, or with a weight those of near conditions."""
         if self.variant != "full":
             return 1.0
-        if not self.condition_weight or c is None:
-            return float(len(x1))
-        cost = self.condition_weight * squared_distances(c, c)
-        return float((cost <= squared_distances(x0, x1).mean()).sum(axis=1).mean())
+        same = torch.zeros(len(x0), 1) if c is None else c
+        return near_rows(
+            self.condition_weight, squared_distances(same, same), squared_distances(x0, x1)
+        )
 
     def row_errors(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> Tensor:
         """The error of pair (x0_i, x1_i, c_i), shape (B,)."""
@@ -119,20 +119,21 @@ class ModelAligned(Coupling):
         At t = 1 the network sees (x1_j, c_j), B rows. At t = 0 it sees (x0_i, c_j): once for each
         distinct condition, at most B^2 rows.
         """
-        distinct, label = _distinct(c, len(x0))
+        seen = torch.zeros(len(x0), 1) if c is None else c
+        distinct, label = torch.unique(seen, dim=0, return_inverse=True)
         if len(distinct) > LIMIT:
             raise ValueError(
-                f"variant 'full' would evaluate {len(x0)} x {len(distinct)} rows: use at most "
-                f"{LIMIT} rows in a batch (ot_batch_size) when all conditions differ"
+                f"variant 'full' has {len(distinct)} different conditions to evaluate, at most "
+                f"{LIMIT} are allowed: use fewer rows in a batch (ot_batch_size)"
             )
         self.evaluations = len(x0) * (1 + len(distinct))
         # |v(0, x0_i, c_j) - (x1_j - x0_i)|^2 = |(x0_i + v(0, x0_i, c_j)) - x1_j|^2
         start = np.empty((len(x0), len(x1)))
         for k, row in enumerate(distinct):
-            columns = np.flatnonzero(label == k)
+            columns = (label == k).cpu()
             shared = None if c is None else row.expand(len(x0), -1)
             landed = x0 + self._velocity(0.0, x0, shared)
-            start[:, columns] = squared_distances(landed, x1[torch.from_numpy(columns)])
+            start[:, columns.numpy()] = squared_distances(landed, x1[columns])
         # |v(1, x1_j, c_j) - (x1_j - x0_i)|^2 = |x0_i - (x1_j - v(1, x1_j, c_j))|^2
         end = squared_distances(x0, x1 - self._velocity(1.0, x1, c))
         return (start + end) / 2
@@ -157,11 +158,3 @@ class ModelAligned(Coupling):
     def _falling(self, first: float, last: float) -> float:
         done = min(1.0, self._step / self.warmup_steps) if self.warmup_steps else 1.0
         return first + (last - first) * done
-
-
-def _distinct(c: Tensor | None, rows: int) -> tuple[Tensor, Index]:
-    """The distinct conditions (m, k), and which of them each row has."""
-    if c is None:
-        return torch.empty(1, 0), np.zeros(rows, dtype=np.int64)
-    _, first, label = np.unique(to_numpy(c), axis=0, return_index=True, return_inverse=True)
-    return c[torch.from_numpy(first)], label.ravel()

@@ -49,15 +49,13 @@ class Pairs:
     weight: Tensor | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.x0, Tensor) or self.x0.ndim != 2 or not self.x0.numel():
-            got = tuple(self.x0.shape) if isinstance(self.x0, Tensor) else repr(self.x0)
-            raise ValueError(f"x0 must have shape (rows, columns) and not be empty, got {got}")
-        for name in ("x0", "x1"):
-            check_shape(getattr(self, name), name, self.x0.shape)
-        if self.c is not None:
-            columns = self.c.shape[1:] if isinstance(self.c, Tensor) else ()
-            if not columns or self.c.shape != (len(self.x0), *columns[:1]):
-                raise ValueError(f"c must have shape ({len(self.x0)}, columns), got {self.c!r}")
+        x0, c, shape = self.x0, self.c, np.shape(self.x0)
+        if len(shape) != 2 or 0 in shape:
+            raise ValueError(f"x0 must have shape (rows, columns) and not be empty, got {shape}")
+        check_shape(x0, "x0", shape)
+        check_shape(self.x1, "x1", shape)
+        if c is not None and not (isinstance(c, Tensor) and c.ndim == 2 and len(c) == len(x0)):
+            raise ValueError(f"c must have shape ({len(x0)}, columns), got {c!r}")
 
     def __len__(self) -> int:
         return len(self.x0)
@@ -291,21 +289,21 @@ def check_finite(data: Any, coupling: Coupling) -> None:
     """Raise TypeError unless the data have `x1`, `c` and a length."""
     if not all(hasattr(data, name) for name in ("x1", "c", "__len__")):
         raise TypeError(
-            f"{type(coupling).__name__} looks at the whole data set, but these data are endless "
-            "(they have no x1, c and len): give a Dataset of rows drawn from them, or to "
-            "StratifiedOT n_samples=, the rows of an epoch"
+            f"{type(coupling).__name__} looks at all the data, and these are endless (no x1, c and "
+            "len): give a Dataset of rows drawn from them, or to StratifiedOT n_samples="
         )
+
+
+def check_like(value: Any, name: str, x: Tensor) -> Tensor:
+    """Return what a user's function gave if it is finite and has the shape of x (B, d)."""
+    return check_matrix(check_shape(value, name, tuple(x.shape)), name)
 
 
 def draw_noise(x1: Tensor, source: Source | None, generator: torch.Generator) -> Tensor:
     """Noise of the shape of x1, standard normal unless a source is given."""
     if source is None:
         return torch.randn(x1.shape, dtype=x1.dtype, generator=generator)
-    x0 = source(len(x1), generator=generator)
-    if not isinstance(x0, Tensor) or x0.shape != x1.shape:
-        got = tuple(x0.shape) if isinstance(x0, Tensor) else type(x0).__name__
-        raise ValueError(f"source must return a tensor of shape {tuple(x1.shape)}, got {got}")
-    return x0
+    return check_shape(source(len(x1), generator=generator), "source(n)", tuple(x1.shape))
 
 
 def generator_for(seed: int, number: int, purpose: int = 0) -> torch.Generator:
@@ -315,17 +313,13 @@ def generator_for(seed: int, number: int, purpose: int = 0) -> torch.Generator:
 
 
 def squared_distances(first: Tensor, second: Tensor) -> Array:
-    """|a_i - b_j|^2 for all rows, float64, shape (len(first), len(second))."""
-    return array_distances(to_numpy(first), to_numpy(second))
-
-
-def array_distances(a: Array, b: Array) -> Array:
-    """`squared_distances` of arrays.
+    """|a_i - b_j|^2 for all rows, float64, shape (len(first), len(second)).
 
     In many dimensions by one matrix product, of (-2a, |a|^2, 1) and (b, 1, |b|^2), and again
     without it where rows are so near each other that the product would lose digits; equal rows
     have distance 0 either way.
     """
+    a, b = to_numpy(first), to_numpy(second)
     if a.shape[1] >= MANY_DIMENSIONS:
         centre = b.mean(axis=0)
         a, b = a - centre, b - centre
@@ -341,6 +335,11 @@ def array_distances(a: Array, b: Array) -> Array:
             return distances
     nearby: Array = cdist(a, b, "sqeuclidean")
     return nearby
+
+
+def near_rows(weight: float, condition_cost: Array, sample_cost: Array) -> float:
+    """How many conditions, on average, cost no more than an average sample distance."""
+    return float((weight * condition_cost <= sample_cost.mean()).sum(axis=1).mean())
 
 
 def to_numpy(value: Tensor) -> Array:

@@ -18,7 +18,7 @@ from cotlearn.couplings.base import (
     Coupling,
     Index,
     Match,
-    array_distances,
+    near_rows,
     squared_distances,
     to_numpy,
 )
@@ -111,8 +111,7 @@ class ConditionalOT(Coupling):
         if self.condition_weight == math.inf:
             return float((cost == 0).sum(axis=1).mean())
         shuffled = np.random.default_rng(0).permutation(len(cost))  # the rows may be pairs already
-        weight = self.weight(sample_cost, cost, shuffled)
-        return float((weight * cost <= sample_cost.mean()).sum(axis=1).mean())
+        return near_rows(self.weight(sample_cost, cost, shuffled), cost, sample_cost)
 
     def weight(
         self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
@@ -130,11 +129,10 @@ class ConditionalOT(Coupling):
 
     def _seen_of(self, c: Tensor) -> Tensor:
         """What the coupling sees of the conditions, (B, m)."""
-        if self.condition is None:
-            return c
-        seen = check_condition(self.condition(check_condition(c)), "condition(c)")
-        check_same_rows(seen, "condition(c)", c, "c")
-        return seen
+        if self.condition is not None:
+            rows, c = c, check_condition(self.condition(check_condition(c)), "condition(c)")
+            check_same_rows(c, "condition(c)", rows, "c")
+        return c
 
     def _joint_cost(self, x0: Tensor, x1: Tensor, c: Tensor, noise_condition_index: Index) -> Array:
         """|x0_i - x1_j|^2 + w C(c0_i, c_j), shape (B, B), with c0 = c[noise_condition_index]."""
@@ -148,21 +146,17 @@ class ConditionalOT(Coupling):
                 mean = float(sample_cost.mean())
             else:  # the distance of the rows with sqrt(w) c appended: one matrix instead of three
                 weight = self.condition_weight
-                noise, data = to_numpy(x0), to_numpy(x1)
-                heavy = math.sqrt(weight) * to_numpy(c)
-                cost = array_distances(
-                    np.concatenate([noise, heavy[noise_condition_index]], axis=1),
-                    np.concatenate([data, heavy], axis=1),
+                noise, data, c = (value.detach().cpu().double() for value in (x0, x1, c))
+                heavy = math.sqrt(weight) * c
+                cost = squared_distances(
+                    torch.cat([noise, heavy[noise_condition_index]], dim=1),
+                    torch.cat([data, heavy], dim=1),
                 )
-                centre = data.mean(axis=0)
-                noise, data = noise - centre, data - centre
-                mean = float(np.vdot(noise, noise) + np.vdot(data, data)) / len(data)
+                centre = data.mean(dim=0)
+                mean = sum(float((x - centre).square().sum()) for x in (noise, data)) / len(data)
         largest = float(cost.max())
         if not math.isfinite(largest):
-            raise ValueError(
-                f"condition_weight {weight:.3g} makes the condition's cost infinite; "
-                "use math.inf to pair within equal conditions"
-            )
+            raise ValueError(f"condition_weight {weight:.3g} makes costs infinite: use math.inf")
         warn_if_imprecise(mean, largest, len(cost), weight)
         return cost
 

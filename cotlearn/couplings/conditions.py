@@ -7,7 +7,6 @@ Each is fitted once, on the training set, keeps what it fitted, and is called as
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, Self
@@ -16,7 +15,6 @@ import numpy as np
 import torch
 from sklearn.cluster import KMeans
 from sklearn.decomposition import PCA
-from sklearn.exceptions import ConvergenceWarning
 from torch import Tensor
 
 from cotlearn.couplings.base import WithOptions, to_numpy
@@ -30,7 +28,7 @@ from cotlearn.validation import (
     check_same_rows,
 )
 
-EMBEDDED_AT_ONCE = 4096  #: rows of pictures that are held in memory together
+ROWS_AT_ONCE = 4096  #: embedded rows, or distances, that are held in memory together
 
 
 def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | None = None) -> Tensor:
@@ -70,8 +68,12 @@ class Clusters(WithOptions):
     """
 
     clusters: int
-    seed: int
+    seed: int = 0
     _fitted: Mapping[str, Tensor] = {}
+
+    def __post_init__(self) -> None:
+        check_count(self.clusters, "clusters")
+        check_count(self.seed, "seed", minimum=0)
 
     def fit(self, c: Tensor) -> Self:
         """Find the centroids of the training conditions c (n, k).
@@ -101,8 +103,10 @@ class Clusters(WithOptions):
         return self._ready("centroids")
 
     def labels(self, c: Tensor) -> Tensor:
-        """The number of the nearest centroid, (n,), 0 .. K-1."""
-        return _nearest(self.project(c), self.centroids.to(c.device))
+        """The number of the nearest centroid, (n,), 0 .. K-1; in float64, as some lie close."""
+        centroids = self.centroids.to(c.device, torch.float64)
+        parts = (self.project(part).double() for part in check_condition(c).split(ROWS_AT_ONCE))
+        return torch.cat([torch.cdist(part, centroids).argmin(dim=1) for part in parts])
 
     def __call__(self, c: Tensor) -> Tensor:
         """The centroid of each row, (n, m)."""
@@ -137,10 +141,6 @@ class KMeansCondition(Clusters):
     _: KW_ONLY
     seed: int = 0
 
-    def __post_init__(self) -> None:
-        check_count(self.clusters, "clusters")
-        check_count(self.seed, "seed", minimum=0)
-
     def _fit(self, c: Tensor) -> dict[str, Tensor]:
         scaler = Standardiser.fit(c)
         return {"mean": scaler.mean, "std": scaler.std}
@@ -165,44 +165,32 @@ class PCAKMeansCondition(Clusters):
         pixels: columns of c that are pixels; all if None.
         components: principal components, at most the number of training rows and of pixels.
         clusters: K.
-        seed: of PCA and k-means++.
     """
 
     pixels: int | None = None
     components: int = 100
     clusters: int = 64
-    seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("pixels", "components", "clusters"):
-            if name != "pixels" or self.pixels is not None:
-                check_count(getattr(self, name), name)
-        check_count(self.seed, "seed", minimum=0)
+        super().__post_init__()
+        check_count(self.components, "components")
+        if self.pixels is not None:
+            check_count(self.pixels, "pixels")
 
     def _fit(self, c: Tensor) -> dict[str, Tensor]:
-        pixels, _ = self._split(c)
-        if self.components > min(pixels.shape):
-            raise ValueError(
-                f"components must be at most {min(pixels.shape)} for pixels of c of shape "
-                f"{tuple(pixels.shape)}, got {self.components}"
-            )
-        pca = PCA(self.components, svd_solver="auto", random_state=self.seed)
-        pca.fit(to_numpy(pixels))
+        pixels = c[:, : self.pixels]
+        if self.pixels not in (None, pixels.shape[1]):
+            raise ValueError(f"pixels is {self.pixels}, but c has only {c.shape[1]} columns")
+        pca = PCA(self.components, random_state=self.seed).fit(to_numpy(pixels))
         fitted = {"mean": pca.mean_, "basis": pca.components_}
         return {name: torch.from_numpy(value).to(c) for name, value in fitted.items()}
 
     def project(self, c: Tensor) -> Tensor:
         """Principal components and proprioception, (n, components + other columns)."""
-        pixels, rest = self._split(check_condition(c))
-        mean, basis = (self._ready(name).to(pixels) for name in ("mean", "basis"))
-        check_matrix(pixels, "the pixels of c", columns=len(mean))
-        return torch.cat([(pixels - mean) @ basis.T, rest], dim=1)
-
-    def _split(self, c: Tensor) -> tuple[Tensor, Tensor]:
-        pixels = c.shape[1] if self.pixels is None else self.pixels
-        if pixels > c.shape[1]:
-            raise ValueError(f"pixels is {pixels}, but c has only {c.shape[1]} columns")
-        return c[:, :pixels], c[:, pixels:]
+        c = check_condition(c)
+        mean, basis = (self._ready(name).to(c) for name in ("mean", "basis"))
+        pixels = check_matrix(c[:, : self.pixels], "the pixels of c", columns=len(mean))
+        return torch.cat([(pixels - mean) @ basis.T, c[:, len(mean) :]], dim=1)
 
 
 @dataclass(repr=False)
@@ -213,20 +201,17 @@ class EmbeddedClusters(Clusters):
         embed: makes a matrix (n, m) of conditions (n, k); stays as it is.
         inner: clusters that are fitted to the embedding.
         rows: at most so many of the training conditions, drawn at random, are embedded for that.
-        seed: of the draw.
     """
 
     embed: Callable[[Tensor], Tensor]
     inner: Clusters
     _: KW_ONLY
     rows: int = 20_000
-    seed: int = 0
 
     def __post_init__(self) -> None:
         if not callable(self.embed):
             raise TypeError(f"embed must be a function of c, got {self.embed!r}")
         check_count(self.rows, "rows")
-        check_count(self.seed, "seed", minimum=0)
 
     def fit(self, c: Tensor) -> Self:
         """Fit the clusters to the embedding of c (n, k)."""
@@ -237,10 +222,9 @@ class EmbeddedClusters(Clusters):
         self.inner.fit(self._embedded(c))
         return self
 
-    def labels(self, c: Tensor) -> Tensor:
-        """The number of each row's cluster, (n,)."""
-        parts = check_condition(c).split(EMBEDDED_AT_ONCE)
-        return torch.cat([self.inner.labels(self._embedded(part)) for part in parts])
+    def project(self, c: Tensor) -> Tensor:
+        """The embedding in the space of the centroids, (n, m)."""
+        return self.inner.project(self._embedded(c))
 
     @property
     def centroids(self) -> Tensor:
@@ -260,13 +244,6 @@ class EmbeddedClusters(Clusters):
             return check_condition(self.embed(c), "embed(c)")
 
 
-def _nearest(rows: Tensor, centroids: Tensor) -> Tensor:
-    """The number of the nearest centroid; in float64, or near conditions are mistaken."""
-    parts = rows.split(max(1, 10_000_000 // len(centroids)))
-    points = centroids.double()
-    return torch.cat([torch.cdist(part.double(), points).argmin(dim=1) for part in parts])
-
-
 def _k_means(rows: Any, clusters: int, seed: int) -> Any:
     """The distinct rows if these are few; else centroids by k-means++, of very many on a sample."""
     distinct = np.unique(rows, axis=0)
@@ -276,10 +253,7 @@ def _k_means(rows: Any, clusters: int, seed: int) -> Any:
     most = max(50_000, 16 * clusters)
     if len(rows) > most:
         rows = rows[rng.choice(len(rows), most, replace=False)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        found = KMeans(clusters, init="k-means++", n_init=1, random_state=seed).fit(rows)
-    return found.cluster_centers_
+    return KMeans(clusters, n_init=1, random_state=seed).fit(rows).cluster_centers_
 
 
 __getattr__ = renamed(__name__, {"Viewed": "EmbeddedClusters"})

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Match, Pairs, Source
+from cotlearn.couplings.base import Coupling, Match, Pairs, Source, check_like
 from cotlearn.couplings.independent import Independent
 from cotlearn.renamed import renamed
 from cotlearn.validation import check_same_rows
@@ -39,10 +39,7 @@ class Reflow(Coupling):
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Row i of the noise meets the teacher's sample from it."""
-        made = self.teacher(x0, c)
-        if not isinstance(made, Tensor) or made.shape != x0.shape or not torch.isfinite(made).all():
-            got = tuple(made.shape) if isinstance(made, Tensor) else type(made).__name__
-            raise ValueError(f"teacher must return finite values of shape {tuple(x0.shape)}: {got}")
+        made = check_like(self.teacher(x0, c), "teacher(x0, c)", x0)
         rows = np.arange(len(x0))
         return Match(rows, rows, x1=made)
 

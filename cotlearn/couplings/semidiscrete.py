@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -65,7 +65,6 @@ class SemidiscreteOT(Coupling):
             cluster (w still counts inside), and a search looks at N/K rows instead of N.
         iterations: steps of the ascent, at least 1, each of N/32 noise rows (but 64 to 4,096); by
             default enough for 200 draws a row.
-        seed: of the fit.
 
     Attributes:
         marginal_error: the total variation distance in [0, 1] between how often the rows are
@@ -81,7 +80,6 @@ class SemidiscreteOT(Coupling):
     _: KW_ONLY
     clusters: int | None = None
     iterations: int | None = None
-    seed: int = 0
 
     name = "semidiscrete"
     whole_data = True
@@ -92,11 +90,9 @@ class SemidiscreteOT(Coupling):
         for name in ("clusters", "iterations"):
             if getattr(self, name) is not None:
                 check_count(getattr(self, name), name)
-        check_count(self.seed, "seed", minimum=0)
         self.needs_condition = bool(self.condition_weight or self.clusters)
         self.marginal_error = self.marginal_floor = math.nan
         self._points: _Points | None = None  # of the data it was fitted to
-        self._phi = torch.empty(0)
         self._source: tuple[Source | None, ...] = ()  # the noise of the fit, where it is known
 
     def fit(
@@ -123,24 +119,23 @@ class SemidiscreteOT(Coupling):
         iterations = self.iterations or iterations
         few = min(1.0, n / batch_size)  # rows that are chosen several times in one step
         first, last = (few * step for step in self._steps(points, source))
-        phi = average = torch.zeros(n, dtype=torch.float64)
-        wanted = batch_size / n
+        average = points.phi
         with progress_bar(total=iterations, what="potentials", show=progress) as bar:
             for step in range(iterations):
-                rng = generator_for(self.seed, step, purpose=4)
-                _, chosen = points.draw(batch_size, source, rng, phi)
+                rng = generator_for(0, step, purpose=4)
+                _, chosen = points.draw(batch_size, source, rng)
                 rate = first * (last / first) ** (step / iterations)
-                phi = phi + rate * (wanted - torch.bincount(chosen, minlength=n))
+                excess = batch_size / n - torch.bincount(chosen, minlength=n)
+                points.phi = points.phi + rate * excess
                 averaged = 1 + max(0, step - int((1 - AVERAGED) * iterations))
-                average = average + (phi - average) / averaged
+                average = average + (points.phi - average) / averaged
                 bar.update()
-        self._phi, self._source = average, (source,)
+        points.phi, self._source = average, (source,)
         self.marginal_error, self.marginal_floor = self._marginal(points, source)
         if self.marginal_error > self.marginal_floor + UNCONVERGED:
             warnings.warn(
-                f"the potential has not converged: rows are chosen {self.marginal_error:.2f} away "
-                f"from equally often (as many exact draws: {self.marginal_floor:.2f}), so that the "
-                f"pairs' data are not your data; raise iterations above {iterations}",
+                f"the potential has not converged: marginal_error is {self.marginal_error:.2f} "
+                f"(exact: {self.marginal_floor:.2f}); raise iterations above {iterations}",
                 RuntimeWarning,
                 stacklevel=2,
             )
@@ -151,13 +146,10 @@ class SemidiscreteOT(Coupling):
         if self._points is None:
             return 1.0
         sizes = torch.tensor([float(len(group)) for group in self._points.groups])
-        number = float((sizes**2).sum() / sizes.sum())
-        if not self.condition_weight:
-            return number
-        rng = generator_for(self.seed, 0, purpose=9)
-        some = self._points.c[torch.randperm(len(self._points.c), generator=rng)[:512]]
-        near = self.condition_weight * squared_distances(some, some)
-        return float(number * (near <= squared_distances(x0, x1).mean()).mean())
+        rng, c = generator_for(0, 0, purpose=9), self._points.scaled_c
+        some = c[torch.randperm(len(c), generator=rng)[:512]]
+        near = torch.cdist(some, some).square() <= squared_distances(x0, x1).mean()
+        return float((sizes**2).sum() / sizes.sum() * near.double().mean())
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Search the batch's own rows, to which the potential is fitted if it is not yet.
@@ -167,9 +159,8 @@ class SemidiscreteOT(Coupling):
         """
         if self._points is None or not self._points.are(x1, c):
             self.fit(x1, c, progress=False)
-        assert self._points is not None
-        rows = torch.arange(len(x0))
-        chosen = self._points.search(x0.to("cpu", torch.float32), rows, self._phi)
+        rows, points = torch.arange(len(x0)), cast(_Points, self._points)
+        chosen = points.search(x0.to("cpu", torch.float32), rows)
         return Match(rows.numpy(), chosen.numpy())
 
     def prepare(self, data: Any, source: Source | None, seed: int) -> None:
@@ -181,14 +172,13 @@ class SemidiscreteOT(Coupling):
 
     def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
         """Fresh noise, with a condition drawn from the data, and what it meets."""
-        assert self._points is not None
-        x0, chosen = self._points.draw(n, source, generator, self._phi)
+        x0, chosen = cast(_Points, self._points).draw(n, source, generator)
         c = None if data.c is None else data.c[chosen]
         return Pairs(x0.to(data.x1.dtype), data.x1[chosen], c, torch.arange(n), chosen)
 
     def _steps(self, points: _Points, source: Source | None) -> tuple[float, float]:
         """By how much one draw lowers the potential of the row it chose: at first, and at last."""
-        rng = generator_for(self.seed, 0, purpose=5)
+        rng = generator_for(0, 0, purpose=5)
         x1 = points.x1[torch.randint(len(points.x1), (256,), generator=rng)]
         cost = torch.cdist(draw_noise(x1, source, rng), x1).square()
         largest = float(points.scaled_c.square().sum(dim=1).max())
@@ -205,10 +195,10 @@ class SemidiscreteOT(Coupling):
         """Total variation distance to the uniform marginal, and its floor for as many draws."""
         n = len(points.x1)
         draws = min(max(20 * n, 20_000), 400_000)
-        rng = generator_for(self.seed, 0, purpose=6)
+        rng = generator_for(0, 0, purpose=6)
         counts = torch.zeros(n)
         for part in torch.arange(draws).split(4096):
-            chosen = points.draw(len(part), source, rng, self._phi)[1]
+            chosen = points.draw(len(part), source, rng)[1]
             counts += torch.bincount(chosen, minlength=n)
         exact = torch.bincount(torch.randint(n, (draws,), generator=rng), minlength=n)
         error, floor = ((k / draws - 1 / n).abs().sum() / 2 for k in (counts, exact))
@@ -216,17 +206,18 @@ class SemidiscreteOT(Coupling):
 
     def state_dict(self) -> dict[str, Tensor]:
         """The potential, with which a resumed training need not fit again."""
-        if self._points is None:
+        points = self._points
+        if points is None:
             return {}
         errors = torch.tensor([self.marginal_error, self.marginal_floor])
-        state = {"phi": self._phi, "x1": self._points.x1, "errors": errors}
-        return {**state, "c": self._points.c} if self._points.c.shape[1] else state
+        state = {"phi": points.phi, "x1": points.x1, "errors": errors}
+        return {**state, "c": points.c} if points.c.numel() else state
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Take back what `state_dict` gave."""
         if state:
             self._points = _Points(self, state["x1"], state.get("c"))
-            self._phi, self._source = state["phi"], ()
+            self._points.phi, self._source = state["phi"], ()
             self.marginal_error, self.marginal_floor = state["errors"].tolist()
 
 
@@ -238,6 +229,7 @@ class _Points:
         c: (N, k), float32; k is 0 without conditions.
         scaled_c: (N, k), sqrt(w) c about its mean, float64; k is 0 where w is.
         groups: the rows of each cluster.
+        phi: (N,), the dual potential.
     """
 
     def __init__(self, coupling: SemidiscreteOT, x1: Tensor, c: Tensor | None) -> None:
@@ -246,9 +238,10 @@ class _Points:
         self.c = self.x1[:, :0] if c is None else check_condition(c).detach().to(self.x1)
         centred = (self.c - self.c.mean(dim=0)).double()
         self.scaled_c = math.sqrt(weight) * centred if weight else centred[:, :0]
+        self.phi = torch.zeros(n, dtype=torch.float64)
         self.label = torch.zeros(n, dtype=torch.long)
         if coupling.clusters is not None:
-            clusters = KMeansCondition(coupling.clusters, seed=coupling.seed)
+            clusters = KMeansCondition(coupling.clusters)
             self.label = clusters.fit(self.c).labels(self.c)
         order = self.label.argsort(stable=True)
         self.groups = list(order.split(torch.bincount(self.label).tolist()))
@@ -265,15 +258,13 @@ class _Points:
         """(x, sqrt(w) c[own]), whose squared distance is the cost; float64, as w may be large."""
         return torch.cat([x.double(), self.scaled_c[own]], dim=1)
 
-    def draw(
-        self, n: int, source: Source | None, rng: torch.Generator, phi: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    def draw(self, n: int, source: Source | None, rng: torch.Generator) -> tuple[Tensor, Tensor]:
         """Fresh noise (n, d), each with the condition of a random row, and the rows it meets."""
         own = torch.randint(len(self.x1), (n,), generator=rng)
         x0 = draw_noise(self.x1[own], source, rng)
-        return x0, self.search(x0, own, phi)
+        return x0, self.search(x0, own)
 
-    def search(self, x0: Tensor, own: Tensor, phi: Tensor) -> Tensor:
+    def search(self, x0: Tensor, own: Tensor) -> Tensor:
         """The row of the data that each (x0, c[own]) meets, (n,)."""
         queries, label = self.features(x0, own), self.label[own]
         counts = torch.bincount(label, minlength=len(self.groups)).tolist()
@@ -281,7 +272,7 @@ class _Points:
         for k, rows in enumerate(label.argsort().split(counts)):
             group = self.groups[k]
             # |f - F_j|^2 - phi_j without |f|^2, which is the same for every j
-            height = self._squares[k] - phi[group]
+            height = self._squares[k] - self.phi[group]
             chosen[rows] = group[_lowest(queries[rows], self._rows[k], height)]
         return chosen
 

@@ -26,7 +26,7 @@ from cotlearn.couplings.base import (
 from cotlearn.couplings.conditions import Clusters, KMeansCondition
 from cotlearn.validation import check_count
 
-Array = NDArray[Any]
+Values = NDArray[Any]
 
 LARGEST_SOLVE = 4096  #: an exact assignment of so many rows takes seconds and 0.3 GB
 
@@ -72,35 +72,29 @@ class StratifiedOT(Coupling):
         self._refit = self.clusters is not None and not isinstance(self.clusters, Clusters)
         if self._refit:
             self.clusters = KMeansCondition(self.clusters)
-        if check_count(self.rows_per_solve, "rows_per_solve", minimum=2) > LARGEST_SOLVE:
-            raise ValueError(
-                f"rows_per_solve must be at most {LARGEST_SOLVE}: {self.rows_per_solve}"
-            )
+        rows = check_count(self.rows_per_solve, "rows_per_solve", minimum=2)
+        if rows > LARGEST_SOLVE:
+            raise ValueError(f"rows_per_solve must be at most {LARGEST_SOLVE}, got {rows}")
         if self.n_samples is not None:
             check_count(self.n_samples, "n_samples")
-        self._forget()
-
-    def _forget(self) -> None:
-        self._label, self._residual = Last(), Last()  # of the last data
+        self._last = Last()
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
         """Pair within the clusters of c; row i of the noise has the cluster of c_i."""
-        label = self._label(self._labels, c)
-        paired = self._residual(self._residuals, x1, c) if self.residual else x1
+        label, paired = self._last(self._clustered, x1, c)
         target = np.empty(len(x0), dtype=np.int64)
         for rows in self._solves(label, rng):
-            cost = squared_distances(x0[torch.from_numpy(rows)], paired[torch.from_numpy(rows)])
-            target[rows] = rows[exact_permutation(cost)]
+            some = torch.from_numpy(rows)
+            target[rows] = rows[exact_permutation(squared_distances(x0[some], paired[some]))]
         return Match(np.arange(len(x0)), target)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
         """Rows of the cluster, or of its part that is solved at once, in the last epoch paired."""
-        if self._label.value is None:
+        if self._last.value is None:
             return 1.0
-        sizes = np.bincount(self._label.value)
-        sizes = sizes[sizes > 0]
+        _, sizes = np.unique(self._last.value[0], return_counts=True)
         solved = sizes / np.ceil(sizes / self.rows_per_solve)
-        return float((sizes * solved).sum() / sizes.sum())
+        return float(np.average(solved, weights=sizes))
 
     def prepare(self, data: Any, source: Source | None, seed: int) -> None:
         """Fit the clusters on the training conditions; those that came fitted are kept."""
@@ -109,7 +103,7 @@ class StratifiedOT(Coupling):
         _, c = self.draw(data, self.n_samples or 0, generator_for(seed, 0, purpose=3))
         if c is not None:  # else the first batch raises
             self.clusters.fit(c)
-            self._forget()
+            self._last = Last()
 
     def epoch_rows(self, data: Any) -> int:
         """Rows that are paired at once: the data set, or n_samples."""
@@ -123,30 +117,26 @@ class StratifiedOT(Coupling):
             return data.x1, data.c
         return super().draw(data, n, generator)
 
-    def _labels(self, c: Tensor) -> Index:
-        """The number of each row's cluster."""
+    def _clustered(self, x1: Tensor, c: Tensor) -> tuple[Index, Tensor]:
+        """The cluster of each row, (N,), and what is paired: x1, or its residuals, (N, d)."""
         if self.clusters is None:
             label = torch.unique(c, dim=0, return_inverse=True)[1]
         else:
             if not self.clusters.state_dict():
                 self.clusters.fit(c)
             label = self.clusters.labels(c)
-        numbers: Index = label.cpu().numpy().astype(np.int64)
-        return numbers
-
-    def _residuals(self, x1: Tensor, c: Tensor) -> Tensor:
-        """The residuals (N, d) of x1 on c in each cluster."""
-        values, conditions, label = to_numpy(x1), to_numpy(c), self._label(self._labels, c)
+        numbers = label.cpu().numpy()
+        if not self.residual:
+            return numbers, x1
+        values, conditions = to_numpy(x1), to_numpy(c)
         left = np.empty_like(values)
-        for rows in _groups(np.argsort(label, kind="stable"), label):
+        for rows in _groups(np.arange(len(c)), numbers):
             left[rows] = residuals(values[rows], conditions[rows])
-        return torch.from_numpy(left).to(x1)
+        return numbers, torch.from_numpy(left).to(x1)
 
     def _solves(self, label: Index, rng: np.random.Generator) -> Iterator[Index]:
         """The rows of each assignment: clusters, the large ones cut up evenly at random."""
-        shuffled = rng.permutation(len(label))
-        by_label = shuffled[np.argsort(label[shuffled], kind="stable")]
-        for rows in _groups(by_label, label):
+        for rows in _groups(rng.permutation(len(label)), label):
             yield from np.array_split(rows, -(-len(rows) // self.rows_per_solve))
 
     def state_dict(self) -> dict[str, Tensor]:
@@ -157,16 +147,16 @@ class StratifiedOT(Coupling):
         """Take back what `state_dict` gave."""
         if self.clusters is not None and state:
             self.clusters.load_state_dict(state)
-            self._refit = False
-            self._forget()
+            self._refit, self._last = False, Last()
 
 
-def _groups(ordered: Index, label: Index) -> list[Index]:
-    """Rows that are ordered by label, cut where the label changes."""
-    return np.split(ordered, np.flatnonzero(np.diff(label[ordered])) + 1)
+def _groups(rows: Index, label: Index) -> list[Index]:
+    """The rows of each label, in the order in which they are given."""
+    by_label = rows[np.argsort(label[rows], kind="stable")]
+    return np.split(by_label, np.flatnonzero(np.diff(label[by_label])) + 1)
 
 
-def residuals(y: Array, z: Array) -> Array:
+def residuals(y: Values, z: Values) -> Values:
     """Residuals (n, d) of a linear regression of values y (n, d) on conditions z (n, k).
 
     With an intercept, each condition scaled to unit variance, and a ridge of 1, which is little

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Last, Match, Pairs, WithOptions
+from cotlearn.couplings.base import Coupling, Last, Match, Pairs, WithOptions, check_like
 
 Transform = Callable[[Tensor, Tensor], Tensor]
 OfCondition = Callable[[Tensor], Tensor]
@@ -95,7 +95,7 @@ class Transformed(Coupling):
 
     def _apply(self, name: str, x: Tensor, c: Tensor) -> Tensor:
         with torch.no_grad():
-            values = _checked(name, getattr(self, name)(x, c), (x.shape,))
+            values = check_like(getattr(self, name)(x, c), f"{name}(x, c)", x)
         if self.inverse is None:
             return values
         before, after = x.double().norm(dim=1), values.double().norm(dim=1)
@@ -151,21 +151,11 @@ class Residual(WithOptions):
 
     def __call__(self, x1: Tensor, c: Tensor) -> Tensor:
         """The residuals (B, d) of data (B, d)."""
-        residual = x1 - _checked("mean", self.mean(c), (x1.shape,)).to(x1)
+        residual = x1 - check_like(self.mean(c), "mean(c)", x1).to(x1)
         if self.spread is None:
             return residual
-        spread = _checked("spread", self.spread(c), ((len(x1), 1), x1.shape)).to(x1)
+        spread = self.spread(c)
+        check_like(spread, "spread(c)", x1[:, :1] if np.shape(spread)[1:] == (1,) else x1)
         if not (spread > 0).all():
             raise ValueError(f"spread must be positive, got {float(spread.min()):.3g}")
-        return residual / spread
-
-
-def _checked(name: str, value: Any, shapes: tuple[tuple[int, ...], ...]) -> Tensor:
-    """The value of a user's function, if it is finite and has one of the shapes."""
-    if not isinstance(value, Tensor) or value.shape not in shapes:
-        got = tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
-        wanted = " or ".join(str(tuple(shape)) for shape in dict.fromkeys(shapes))
-        raise ValueError(f"{name} must return values of shape {wanted}, got {got}")
-    if not torch.isfinite(value).all():
-        raise ValueError(f"{name} must return finite values")
-    return value
+        return residual / spread.to(x1)

@@ -265,7 +265,7 @@ def test_more_than_64_distinct_conditions_are_refused():
     x0, x1, _ = batch(65)
     c = torch.randn(65, 3)
     coupling = looking_at(Counted(), "full")
-    with pytest.raises(ValueError, match=r"65 x 65 rows.*64.*ot_batch_size"):
+    with pytest.raises(ValueError, match=r"65 different conditions.*64.*ot_batch_size"):
         coupling(x0, x1, c)
     coupling(x0[:64], x1[:64], c[:64])
     looking_at(Counted(), "weighted")(x0, x1, c)

@@ -299,7 +299,7 @@ def test_data_without_a_condition():
         ({"batch_size": 8, "ot_batch_size": 20}, ValueError, "ot_batch_size .* multiple .* 8"),
         ({"batch_size": 8, "start": -1}, ValueError, "start must be at least 0"),
         ({"batch_size": 8, "source": lambda n, generator: torch.zeros(n, 3)}, ValueError, "source"),
-        ({"batch_size": 8, "source": lambda n, generator: None}, ValueError, "source .* NoneType"),
+        ({"batch_size": 8, "source": lambda n, generator: None}, TypeError, "source.* NoneType"),
     ],
 )
 def test_bad_stream_options(options, error, message):

@@ -182,7 +182,7 @@ C = torch.randn(10, 3)
         (
             lambda: PCAKMeansCondition(components=4, clusters=2).fit(C),
             ValueError,
-            "components must",
+            "components=4 must be between",
         ),
         (lambda: PCAKMeansCondition(components=2, clusters=11).fit(C), ValueError, "clusters must"),
         (
@@ -228,7 +228,7 @@ def test_few_rows_are_viewed_to_fit_and_all_of_them_in_parts(monkeypatch):
         rows()
     )
     assert seen == [100]
-    monkeypatch.setattr(conditions, "EMBEDDED_AT_ONCE", 150)
+    monkeypatch.setattr(conditions, "ROWS_AT_ONCE", 150)
     assert both.labels(rows()).shape == (400,)
     assert seen[1:] == [150, 150, 100]
     again = EmbeddedClusters(view, PCAKMeansCondition(components=2, clusters=4), rows=100).fit(

@@ -154,9 +154,9 @@ def test_clusters_are_the_same_as_one_problem_for_each(data):
 
 def test_splitting_the_search_changes_nothing(plain):
     x0 = torch.randn(500, 2, generator=seeded(1))
-    rows, phi = torch.arange(500) % 24, plain.state_dict()["phi"]
-    whole = plain._points.search(x0, rows, phi)
-    one_by_one = [plain._points.search(x0[i : i + 1], rows[i : i + 1], phi) for i in range(500)]
+    rows = torch.arange(500) % 24
+    whole = plain._points.search(x0, rows)
+    one_by_one = [plain._points.search(x0[i : i + 1], rows[i : i + 1]) for i in range(500)]
     assert torch.equal(whole, torch.cat(one_by_one))
 
 
@@ -165,7 +165,8 @@ def test_many_rows_are_searched_in_parts():
     phi = torch.randn(30_000, generator=seeded(1))
     x0 = torch.randn(1500, 2, generator=seeded(2))  # 1,500 x 30,000: more than one part
     points = semidiscrete._Points(SemidiscreteOT(), x1, None)
-    found = points.search(x0, torch.zeros(1500, dtype=torch.long), phi)
+    points.phi = phi
+    found = points.search(x0, torch.zeros(1500, dtype=torch.long))
     for i in (0, 72, 73, 74, 665, 666, 1499):  # on both sides of cuts
         height = (x0[i] - x1).double().square().sum(dim=1) - phi
         assert found[i] == height.argmin()

@@ -539,7 +539,7 @@ def test_a_loss_that_is_not_finite_stops(tmp_path, options):
         ({"net": network(condition_dim=3)}, ValueError, "c has 4 columns, this network expects 3"),
         ({"net": network(dim=3)}, ValueError, "x1 has 2 columns, expected 3"),
         ({"loss": lambda net, pairs, g: torch.zeros(())}, ValueError, "loss must return one value"),
-        ({"source": lambda n, generator=None: torch.zeros(n, 3)}, ValueError, "source must return"),
+        ({"source": lambda n, generator=None: torch.zeros(n, 3)}, ValueError, r"source\(n\) must"),
     ],
 )
 def test_bad_input(options, error, message):
