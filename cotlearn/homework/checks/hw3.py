@@ -3,14 +3,13 @@
 from dataclasses import replace
 
 import torch
-from torch import Generator, Tensor
 
 from cotlearn.homework.checks.common import Case, Cases, squares, table
 from cotlearn.homework.checks.nb06 import line_start
 
 
 @table("hw3.gaussian_map")
-def gaussian_map(g: Generator) -> Cases:
+def gaussian_map(g: torch.Generator) -> Cases:
     """m + S^(1/2) x."""
     root = torch.tensor([[1.2, 0.5], [0.5, 0.6]]) + 0.1 * torch.rand(1, generator=g)
     mean, x = torch.tensor([2.0, -1.0]), torch.randn(6, 2, generator=g)
@@ -31,18 +30,18 @@ def gaussian_map(g: Generator) -> Cases:
     yield Case((mean, cov, x), mean + x @ root, wrong, hint, "the images of x", tolerance=1e-3)
 
 
-def _gradient(z: Tensor) -> Tensor:
+def _gradient(z: torch.Tensor) -> torch.Tensor:
     """Of the convex sum over coordinates of log cosh z + |z|²/5, plus a tilt."""
     tilt = torch.tensor([0.3, -0.2], dtype=z.dtype)
     return torch.tanh(z) + 0.4 * z + 0.3 * z.flip(-1) + tilt
 
 
-def _hessian(z: Tensor) -> Tensor:
+def _hessian(z: torch.Tensor) -> torch.Tensor:
     swap = torch.tensor([[0.4, 0.3], [0.3, 0.4]], dtype=z.dtype)
     return torch.diag_embed(1 - torch.tanh(z) ** 2) + swap
 
 
-def _solve(x: Tensor, t: float, *, steps: int = 60) -> Tensor:
+def _solve(x: torch.Tensor, t: float, *, steps: int = 60) -> torch.Tensor:
     z = x.double().clone()
     for _ in range(steps):
         residual = (1 - t) * z + t * _gradient(z) - x
@@ -52,7 +51,7 @@ def _solve(x: Tensor, t: float, *, steps: int = 60) -> Tensor:
 
 
 @table("hw3.invert")
-def invert(g: Generator) -> Cases:
+def invert(g: torch.Generator) -> Cases:
     """The z with (1 - t) z + t grad(z) = x."""
     x = torch.randn(8, 2, generator=g, dtype=torch.float64)
     for t in (0.6, 0.0, 0.9):
@@ -63,12 +62,12 @@ def invert(g: Generator) -> Cases:
 
 
 @table("hw3.ofm_loss")
-def ofm_loss(g: Generator) -> Cases:
+def ofm_loss(g: torch.Generator) -> Cases:
     """|grad(z0) - z0 - (x1 - x0)|^2 for each row, z0 = invert(x_t, t)."""
     x0, x1 = (torch.randn(5, 2, generator=g, dtype=torch.float64) for _ in range(2))
     line = x1 - x0
 
-    def squared(z: Tensor, target: Tensor) -> Tensor:
+    def squared(z: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
         return (_gradient(z) - z - target).square().sum(1)
 
     for t in (0.7, 0.3):
@@ -93,7 +92,7 @@ def ofm_loss(g: Generator) -> Cases:
 
 
 @table("hw3.l2_uvp")
-def l2_uvp(g: Generator) -> Cases:
+def l2_uvp(g: torch.Generator) -> Cases:
     """100 E|T - T*|^2 / trace(S)."""
     found, truth = torch.randn(9, 2, generator=g), torch.randn(9, 2, generator=g)
     cov = torch.tensor([[1.5, 0.4], [0.4, 0.7]])

@@ -24,6 +24,7 @@ def retarget(g: Generator) -> Cases:
         seen = functools.partial(_retarget, states, goal)
         shifted = states.copy()
         shifted[..., :4] += np.tile(np.array(GOAL[:2]) - goal[:2], 2)
+        still = np.concatenate([states[..., :2], seen()[..., 2:]], axis=-1)
         half = np.concatenate([shifted[..., :4], seen()[..., 4:]], axis=-1)
         wrong = {
             "nothing has moved: the new goal must become the usual one": states,
@@ -35,7 +36,7 @@ def retarget(g: Generator) -> Cases:
             "the T's angle turns as the places do: add, do not subtract": seen(angle=-1),
             "turn about the goal: subtract its place, turn, then add GOAL's": seen(about=(0, 0)),
             "turn about the new goal's place, not about the old one's": seen(about=GOAL[:2]),
-            "the agent moves too: its two numbers are a place like the T's": seen(agent=False),
+            "the agent moves too: its two numbers are a place like the T's": still,
         }
         hint = "a T on the new goal must be seen on the usual one; try states = [[0, 0, *goal]]"
         wrong = {words: _round(value) for words, value in wrong.items()}
@@ -43,20 +44,14 @@ def retarget(g: Generator) -> Cases:
 
 
 def _retarget(
-    states: Array,
-    goal: tuple[float, ...],
-    *,
-    turn: float = 1.0,
-    about: tuple[float, ...] | None = None,
-    angle: float = 1.0,
-    agent: bool = True,
+    states: Array, goal: Any, *, turn: float = 1, angle: float = 1, about: Any = None
 ) -> Array:
     """States seen so that `goal` is the usual goal, and with other options the mistakes in it."""
     d = GOAL[2] - goal[2]
     middle = np.array(goal[:2] if about is None else about)
     to = np.array(GOAL[:2]) if about is None else middle + np.array(GOAL[:2]) - goal[:2]
     place = turned(states[..., 2:4] - middle, turn * d) + to
-    hand = turned(states[..., :2] - middle, turn * d) + to if agent else states[..., :2]
+    hand = turned(states[..., :2] - middle, turn * d) + to
     return np.concatenate([hand, place, states[..., 4:] + angle * d], axis=-1)
 
 

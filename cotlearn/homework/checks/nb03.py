@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Generator, Tensor
 
 from cotlearn.gaussian import bures_squared
 from cotlearn.homework.checks.common import Case, Cases, cheapest, one_of_two, table
 
 
 @table("03.labels_follow", seed=3)
-def labels_follow(g: Generator) -> Cases:
+def labels_follow(g: torch.Generator) -> Cases:
     """Optimal pairs of four points by brute force; the labels go with their data."""
     two = "return two tensors: the data and their labels, in the order of x0"
     for _ in range(5):
@@ -31,7 +30,7 @@ def labels_follow(g: Generator) -> Cases:
 
 
 @table("03.augmented_cost", seed=4)
-def augmented_cost(g: Generator) -> Cases:
+def augmented_cost(g: torch.Generator) -> Cases:
     """Compare with the formula entry by entry."""
     x0, x1 = torch.randn(5, 2, generator=g), torch.randn(5, 2, generator=g)
     c0, c = torch.randn(5, 3, generator=g), torch.randn(5, 3, generator=g)
@@ -39,7 +38,7 @@ def augmented_cost(g: Generator) -> Cases:
         yield costs((x0, c0, x1, c, weight), torch.cdist(x0, x1), torch.cdist(c0, c), weight)
 
 
-def costs(given: tuple[Any, ...], far: Tensor, apart: Tensor, w: float) -> Case:
+def costs(given: tuple[Any, ...], far: torch.Tensor, apart: torch.Tensor, w: float) -> Case:
     """All far² + w apart², from distances between samples and between conditions, (n, m)."""
     right = far**2 + w * apart**2
     wrong = {

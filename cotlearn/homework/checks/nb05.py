@@ -3,20 +3,19 @@
 import math
 
 import torch
-from torch import Generator, Tensor
 
 from cotlearn.homework.checks.common import Case, Cases, table
 
 
 @table("05.pair_weights", seed=5)
-def pair_weights(g: Generator) -> Cases:
+def pair_weights(g: torch.Generator) -> Cases:
     """floor(B p) rows with the lowest error weigh 1 + boost, then the mean is 1."""
     for rows, fraction, boost in ((10, 0.4, 0.5), (7, 0.5, 1.0), (6, 1.0, 0.5)):
         yield _weights(torch.rand(rows, generator=g) + 0.1, fraction, boost)
 
 
-def _weights(errors: Tensor, fraction: float, boost: float) -> Case:
-    def raised(order: Tensor, count: int) -> Tensor:
+def _weights(errors: torch.Tensor, fraction: float, boost: float) -> Case:
+    def raised(order: torch.Tensor, count: int) -> torch.Tensor:
         weights = torch.ones(len(order))
         weights[order[:count]] += boost
         return weights
@@ -53,7 +52,7 @@ def evaluations() -> Cases:
 
 
 @table("05.at_zero", seed=6)
-def at_zero(g: Generator) -> Cases:
+def at_zero(g: torch.Generator) -> Cases:
     """The table of an untrained network that says 0 everywhere is the squared distance."""
     x0, x1 = torch.randn(5, 3, generator=g), 2 * torch.randn(5, 3, generator=g)
     right = torch.cdist(x0, x1).square()

@@ -4,11 +4,10 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
-from torch import Generator, Tensor
 
 from cotlearn.homework.checks.common import Case, Cases, same, squares, table, tensor
 
-Function = Callable[[Tensor], Tensor]
+Function = Callable[[torch.Tensor], torch.Tensor]
 #: slope and curvature of convex functions of one variable
 CONVEX: tuple[tuple[Function, Function], ...] = (
     (lambda z: 2 * z + 1, lambda z: torch.full_like(z, 2.0)),
@@ -25,17 +24,17 @@ def start_of_line() -> Cases:
             yield line_start(torch.linspace(-1.5, 1.5, 7), t, slope, curvature)
 
 
-def line_start(z: Tensor, t: float, slope: Function, curvature: Any) -> Case:
+def line_start(z: torch.Tensor, t: float, slope: Function, curvature: Any) -> Case:
     """Where a line that passes x at time t starts: the z with (1 - t) z + t slope(z) = x."""
 
-    def left(z: Tensor, t: float = t) -> Tensor:
+    def left(z: torch.Tensor, t: float = t) -> torch.Tensor:
         return (1 - t) * z + t * slope(z)
 
-    def read(value: Any) -> Tensor:
-        value = value.nan_to_num(1e9) if isinstance(value, Tensor) else value
+    def read(value: Any) -> torch.Tensor:
+        value = value.nan_to_num(1e9) if isinstance(value, torch.Tensor) else value
         return tensor(value, tuple(z.shape), "z, like x,")
 
-    def otherwise(found: Tensor) -> str:
+    def otherwise(found: torch.Tensor) -> str:
         off = float((left(found) - x).abs().max())
         newton = "divide by the derivative of the left side, (1 - t) + t curvature(z)"
         if not off <= 1:
@@ -56,7 +55,7 @@ def line_start(z: Tensor, t: float, slope: Function, curvature: Any) -> Case:
 
 
 @table("06.uvp", seed=6)
-def uvp(g: Generator) -> Cases:
+def uvp(g: torch.Generator) -> Cases:
     """100 E|T - T*|^2 / Var, with Var the trace of the covariance of T*."""
     for d in (2, 5):
         truth = torch.randn(40, d, generator=g) * torch.arange(1, d + 1) + 3 * torch.arange(d)

@@ -1,13 +1,12 @@
 """The checks of notebook 11."""
 
 import torch
-from torch import Generator, Tensor
 
 from cotlearn.homework.checks.common import Case, Cases, table
 
 
 @table("11.place")
-def place(g: Generator) -> Cases:
+def place(g: torch.Generator) -> Cases:
     """The mean place of a softmax over the cells of a grid."""
     for height, width in ((4, 4), (3, 7)):
         h = 2 * torch.randn(5, height, width, generator=g)
@@ -29,12 +28,12 @@ def place(g: Generator) -> Cases:
         yield Case((h,), right, wrong, hint, "the places, x and y of each grid,")
 
 
-def _mean(share: Tensor, x: Tensor, y: Tensor) -> Tensor:
+def _mean(share: torch.Tensor, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
     return torch.stack([share.sum(dim=1) @ x, share.sum(dim=2) @ y], dim=1)
 
 
 @table("11.components", seed=1)
-def components(g: Generator) -> Cases:
+def components(g: torch.Generator) -> Cases:
     """(pixels - mean) basis^T, with the mean that was fitted."""
     pixels, mean = torch.rand(6, 20, generator=g), torch.rand(20, generator=g)
     basis = torch.linalg.qr(torch.randn(20, 3, generator=g)).Q.T.contiguous()
