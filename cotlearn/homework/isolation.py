@@ -292,20 +292,15 @@ def _prepare(folder: str) -> None:
 class _Counted(io.TextIOBase):
     """Counts what is printed, and keeps none of it."""
 
-    def __init__(self) -> None:
-        self.rest = PRINT_LIMIT
+    rest = PRINT_LIMIT
 
     def write(self, text: str) -> int:
         self.rest -= len(text)
         if self.rest < 0:
             self.rest = PRINT_LIMIT  # so that the last words can be said
-            raise registry.Stopped(
-                f"your answer printed more than {PRINT_LIMIT:,} characters; remove the print"
-            )
+            words = f"your answer printed more than {PRINT_LIMIT:,} characters; remove the print"
+            raise registry.Stopped(words)
         return len(text)
-
-    def writable(self) -> bool:
-        return True
 
 
 def _limit(limits: Limits) -> None:

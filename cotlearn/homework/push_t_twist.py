@@ -27,11 +27,12 @@ class Twist:
 
     Attributes:
         goal: x, y and angle of the pose that the T should take.
-        obstacle: x, y and radius of a disc that the finger's middle should keep out of, or None.
+        obstacle: x, y and radius of a disc that the finger's middle should keep out of; no radius,
+            no obstacle.
     """
 
     goal: tuple[float, float, float] = GOAL
-    obstacle: tuple[float, float, float] | None = None
+    obstacle: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,6 @@ def play(act: Callable[[Array], Array], twist: Twist) -> Played:
 
 
 def _inside(states: Array, twist: Twist) -> NDArray[np.bool_]:
-    if twist.obstacle is None:
-        return np.zeros(states.shape[:-1], dtype=bool)
     x, y, radius = twist.obstacle
     return np.asarray(np.hypot(states[..., 0] - x, states[..., 1] - y) < radius)
 

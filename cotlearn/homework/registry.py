@@ -113,15 +113,13 @@ def check(answer: object, name: str) -> Verdict:
         ValueError: If there is no exercise of that name.
     """
     verdict, sentence = judge(answer, name)
-    if verdict is Verdict.NOT_ATTEMPTED:
-        print(f"not attempted yet: {name}")
-        return verdict
+    _correct.discard(name)
     if verdict is Verdict.CORRECT:
-        print("✓ correct")
         _correct.add(name)
+        print("✓ correct")
     else:
-        print(f"✗ not yet: {sentence}")
-        _correct.discard(name)
+        not_yet = verdict is Verdict.NOT_YET
+        print(f"✗ not yet: {sentence}" if not_yet else f"not attempted yet: {name}")
     if progress.in_notebook():
         progress.remember({name: verdict})
     return verdict
@@ -182,7 +180,7 @@ def judge(answer: object, name: str, *, seed: int | None = None) -> tuple[Verdic
     except (NotYet, Stopped) as reason:
         return Verdict.NOT_YET, str(reason)
     except Exception as error:
-        return Verdict.NOT_YET, f"the check could not use your answer: {_described(error)}"
+        return Verdict.NOT_YET, f"the check of your answer {said(error)}"
     return Verdict.CORRECT, "correct"
 
 
@@ -231,7 +229,7 @@ def too_long(seconds: float) -> str:
 
 def said(error: BaseException) -> str:
     """What a learner's code did when it raised: "raised ValueError: ...", or a plainer word."""
-    text = str(error)
+    text = " ".join(str(error).split()) or "(no message)"
     if isinstance(error, MemoryError) or "allocate memory" in text or "not enough memory" in text:
         return "asked for more memory than it may have; look at the shapes that meet in it"
     if isinstance(error, RecursionError):
@@ -242,12 +240,7 @@ def said(error: BaseException) -> str:
         return "was interrupted"
     if isinstance(error, EOFError):
         return "waited for input, and nobody is there to type"
-    return f"raised {_described(error)}"
-
-
-def _described(error: BaseException) -> str:
-    text = " ".join(str(error).split()) or "(no message)"
-    return f"{type(error).__name__}: {text[:300]}"
+    return f"raised {type(error).__name__}: {text[:300]}"
 
 
 @contextmanager

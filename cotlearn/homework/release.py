@@ -142,14 +142,11 @@ def _assign(master: Path, out: Path) -> tuple[Any, Path]:
     """Runs otter; returns the student version and the path of that with solutions."""
     target = out / "autograder" / master.stem
     shutil.rmtree(target, ignore_errors=True)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    _otter("assign", "--no-pdfs", master, target)
-    student = read(target / "student" / master.name)
-    shutil.rmtree(target / "student")
-    for item in (target / "autograder").iterdir():
-        shutil.move(item, target / item.name)
-    (target / "autograder").rmdir()
-    return student, target / master.name
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / "made"
+        _otter("assign", "--no-pdfs", master, made)
+        shutil.copytree(made / "autograder", target)
+        return read(made / "student" / master.name), target / master.name
 
 
 def _otter(*words: str | Path) -> None:

@@ -86,7 +86,8 @@ def read(path: Path) -> Submission:
     from cotlearn.execution import read as read_notebook  # needs Jupyter's packages
 
     notebook = read_notebook(path)
-    language = _language(notebook.metadata)
+    kernel, info = (notebook.metadata.get(key, {}) for key in ("kernelspec", "language_info"))
+    language = str(kernel.get("language") or info.get("name") or "python").lower()
     if language != "python":
         raise ValueError(
             f"{path.name} runs with a kernel for {language}; choose the kernel Python 3 "
@@ -94,14 +95,14 @@ def read(path: Path) -> Submission:
         )
     numbered = enumerate(notebook.cells, start=1)
     cells = tuple(parse_cell(i, cell) for i, cell in numbered if cell.cell_type == "code")
-    stamp = _stamp(notebook)
+    stamp = notebook.metadata.get("cotlearn", {})
     return Submission(_assignment(path, stamp, cells), str(stamp.get("version", "")), cells)
 
 
 def parse_cell(number: int, cell: Any) -> Cell:
     """Finds what a code cell defines and what it uses."""
     source = python_only(str(cell.source))
-    question = _stamp(cell).get("question")
+    question = cell.metadata.get("cotlearn", {}).get("question")
     try:
         return Cell(number, source, question, None, *_names(source))
     except (SyntaxError, ValueError, RecursionError) as error:
@@ -152,22 +153,8 @@ def _globals(table: symtable.SymbolTable) -> Iterator[str]:
         yield from _globals(inner)
 
 
-def _stamp(part: Any) -> dict[str, Any]:
-    """What the course wrote into the metadata of a notebook or a cell."""
-    stamp = part.metadata.get("cotlearn")
-    return stamp if isinstance(stamp, dict) else {}
-
-
-def _language(metadata: Any) -> str:
-    for key, name in (("kernelspec", "language"), ("language_info", "name")):
-        part = metadata.get(key)
-        if isinstance(part, dict) and part.get(name):
-            return str(part[name]).lower()
-    return "python"
-
-
 def _assignment(path: Path, stamp: dict[str, Any], cells: tuple[Cell, ...]) -> str | None:
-    if isinstance(stamp.get("assignment"), str):
+    if "assignment" in stamp:
         return str(stamp["assignment"])
     checks = (_NAME.search(cell.source) for cell in cells if "check(" in cell.source)
     found = next(filter(None, checks), None) or _FILE.search(path.stem.lower())

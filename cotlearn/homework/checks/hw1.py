@@ -129,13 +129,7 @@ def squared_w2(g: Generator) -> Cases:
 
 
 def _steps(
-    x: Tensor,
-    n: int,
-    h: float,
-    *,
-    first: float = 0.0,
-    by: float | None = None,
-    still: bool = False,
+    x: Tensor, n: int, h: float, *, first: float = 0.0, by: float | None = None, still: bool = False
 ) -> Tensor:
     """Euler, and with other options the mistakes one can make in it."""
     start, t = x, first
