@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import linalg
 from scipy.integrate import solve_ivp
 
 from cotlearn.validation import check_array, check_choice, check_count, check_number, check_share
@@ -85,52 +86,36 @@ class LinearGaussian:
                 1e6 (for S_c = 1) can be resolved.
             label: "target" gives the network the condition of x1, "source" that of x0.
         """
-        check_choice(label, "label", ("target", "source"))
+        by_source = check_choice(label, "label", ("target", "source")) == "source"
+        d, k = self.A.shape
+        everything = self.covariance
+        x1_x1, x1_c = everything[:d, :d], everything[:d, d:]
+        x0_c = np.zeros((d, k))  # unless noise is chosen by the label
         if isinstance(g, str):
             check_choice(g, "g", ("independent",))
-            return AffineFlow(self, self._joint(np.zeros((self._d, self._d)), None))
-        g = check_number(g, "g", infinite=True)
-        if math.isinf(g):  # x1 = A c + b + S^(1/2) x0, whichever condition is the label
-            return AffineFlow(self, self._joint(_sqrtm(self.S), None))
-        if g == 0:
-            return self._naive(label)
-        if g**2 * np.linalg.eigvalsh(self.S_c).max() > LARGEST_WEIGHT:
+            x0_x1 = np.zeros((d, d))
+        elif math.isinf(g := check_number(g, "g", infinite=True)):
+            x0_x1 = _sqrtm(self.S)  # x1 = A c + b + S^(1/2) x0, whichever condition is the label
+        elif g == 0:  # the map of x alone, from N(0, I)
+            x0_x1 = _sqrtm(x1_x1)
+            if by_source:  # c0 was drawn without looking at x0 or x1
+                x1_c = np.zeros((d, k))
+            else:  # c follows x1 by the joint law
+                x0_c = x0_x1 @ np.linalg.solve(x1_x1, x1_c)
+        elif g**2 * np.linalg.eigvalsh(self.S_c).max() > LARGEST_WEIGHT:
             raise ValueError(f"g = {g:.3g} is too large to compute with; use math.inf")
-        return self._conditional(g, label)
-
-    @property
-    def _d(self) -> int:
-        return len(self.b)
-
-    def _naive(self, label: str) -> AffineFlow:
-        """g = 0: the Bures map of x alone; c follows x1 by the joint law, or nothing at all."""
-        Sigma = self.covariance[: self._d, : self._d]
-        x0_x1 = _sqrtm(Sigma)  # the map from N(0, I) is Sigma^(1/2)
-        if label == "source":  # c0 was drawn without looking at x0 or x1
-            return AffineFlow(self, self._joint(x0_x1, None, x1_c=np.zeros_like(self.A)))
-        return AffineFlow(
-            self, self._joint(x0_x1, x0_x1 @ np.linalg.solve(Sigma, self.A @ self.S_c))
-        )
-
-    def _conditional(self, g: float, label: str) -> AffineFlow:
-        d, k = self.A.shape
-        scale = np.diag(np.concatenate([np.ones(d), np.full(k, g)]))
-        source = np.block([[np.eye(d), np.zeros((d, k))], [np.zeros((k, d)), g**2 * self.S_c]])
-        target = scale @ self.covariance @ scale
-        cross = source @ bures_map(source, target)  # Cov((x0, g c0), (x1, g c1))
-        if label == "source":
-            return AffineFlow(self, self._joint(cross[:d, :d], None, x1_c=cross[d:, :d].T / g))
-        return AffineFlow(self, self._joint(cross[:d, :d], cross[:d, d:] / g))
-
-    def _joint(self, x0_x1: Array, x0_c: Array | None, x1_c: Array | None = None) -> Array:
-        """Covariance of (x0, x1, c) from its blocks; None: x0 independent of c, x1_c the truth."""
-        d, k = self.A.shape
-        x0_c = np.zeros((d, k)) if x0_c is None else x0_c
-        x1_c = self.A @ self.S_c if x1_c is None else x1_c
-        x1_x1 = self.covariance[:d, :d]
-        return np.block(
-            [[np.eye(d), x0_x1, x0_c], [x0_x1.T, x1_x1, x1_c], [x0_c.T, x1_c.T, self.S_c]]
-        )
+        else:
+            scale = linalg.block_diag(np.eye(d), g * np.eye(k))
+            source = linalg.block_diag(np.eye(d), g**2 * self.S_c)
+            # Cov((x0, g c0), (x1, g c1))
+            cross = source @ bures_map(source, scale @ everything @ scale)
+            x0_x1 = cross[:d, :d]
+            if by_source:
+                x1_c = cross[d:, :d].T / g
+            else:
+                x0_c = cross[:d, d:] / g
+        blocks = [[np.eye(d), x0_x1, x0_c], [x0_x1.T, x1_x1, x1_c], [x0_c.T, x1_c.T, self.S_c]]
+        return AffineFlow(self, np.block(blocks))
 
 
 @dataclass(frozen=True)
@@ -164,12 +149,8 @@ class AffineFlow:
     def coefficients(self, t: float) -> tuple[Array, Array, Array]:
         """F (d, d), G (d, k) and f (d,) of v(t, x, c) = F x + G c + f, by Gaussian conditioning."""
         d = len(self.problem.b)
-        k = len(self.problem.S_c)
-        eye, zero = np.eye(d), np.zeros((d, k))
-        velocity = np.hstack([-eye, eye, zero])  # x1 - x0 from (x0, x1, c)
-        seen = np.vstack(
-            [np.hstack([(1 - t) * eye, t * eye, zero]), np.eye(len(self.joint))[2 * d :]]
-        )
+        x0, x1, c = np.split(np.eye(len(self.joint)), [d, 2 * d])
+        velocity, seen = x1 - x0, np.vstack([(1 - t) * x0 + t * x1, c])
         cross = velocity @ self.joint @ seen.T
         gain = cross @ np.linalg.pinv(seen @ self.joint @ seen.T, rcond=1e-12, hermitian=True)
         F, G = gain[:, :d], gain[:, d:]
@@ -204,37 +185,33 @@ class AffineFlow:
         return float(mean_error + bures_squared(C, self.problem.S))
 
     def _after(self, nfe: int | None) -> tuple[Array, Array, Array]:
-        """The sample given c is N(P c + q, C)."""
-        U, P, q = self._exact if nfe is None else self._euler(check_count(nfe, "nfe"))
-        return P, q, U @ U.T
-
-    def _euler(self, steps: int) -> tuple[Array, Array, Array]:
-        """x after the steps is U x0 + P c + q."""
-        U, P, q = _start(self.problem)
-        for step in range(steps):
-            F, G, f = self.coefficients(step / steps)
-            U, P, q = U + F @ U / steps, P + (F @ P + G) / steps, q + (F @ q + f) / steps
-        return U, P, q
+        """P, q and C: the sample given c is N(P c + q, C)."""
+        d, k = self.problem.A.shape
+        if nfe is None:
+            M = self._exact
+        else:
+            M = np.eye(d, d + k + 1)
+            for step in range(check_count(nfe, "nfe")):
+                M = M + self._derivative(step / nfe, M) / nfe
+        U, P, q = np.split(M, [d, d + k], axis=1)
+        return P, q[:, 0], U @ U.T
 
     @cached_property
-    def _exact(self) -> tuple[Array, Array, Array]:
-        start = _start(self.problem)
-        shapes = [part.shape for part in start]
-        ends = np.cumsum([part.size for part in start])[:-1]
-
-        def unpack(flat: Array) -> list[Array]:
-            parts = np.split(flat, ends)
-            return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+    def _exact(self) -> Array:
+        d, k = self.problem.A.shape
 
         def derivative(t: float, flat: Array) -> Array:
-            U, P, q = unpack(flat)
-            F, G, f = self.coefficients(t)
-            return np.concatenate([(F @ U).ravel(), (F @ P + G).ravel(), F @ q + f])
+            return self._derivative(t, flat.reshape(d, -1)).ravel()
 
-        flat = np.concatenate([part.ravel() for part in start])
-        end = solve_ivp(derivative, (0, 1), flat, method="DOP853", rtol=1e-10, atol=1e-12)
-        U, P, q = unpack(end.y[:, -1])
-        return U, P, q
+        start = np.eye(d, d + k + 1).ravel()
+        end = solve_ivp(derivative, (0, 1), start, method="DOP853", rtol=1e-10, atol=1e-12)
+        last: Array = end.y[:, -1].reshape(d, -1)
+        return last
+
+    def _derivative(self, t: float, M: Array) -> Array:
+        """Of M in x = M (x0, c, 1): x is affine in the noise it came from and in c."""
+        F, G, f = self.coefficients(t)
+        return F @ M + np.column_stack([np.zeros_like(F), G, f])
 
 
 def bures_map(source: Array, target: Array) -> Array:
@@ -258,11 +235,6 @@ def bures_squared(first: Array, second: Array) -> float:
     root = _sqrtm(first)
     mixed = _sqrtm(root @ second @ root)
     return max(float(np.trace(first) + np.trace(second) - 2 * np.trace(mixed)), 0.0)
-
-
-def _start(problem: LinearGaussian) -> tuple[Array, Array, Array]:
-    d, k = problem.A.shape
-    return np.eye(d), np.zeros((d, k)), np.zeros(d)
 
 
 def _sqrtm(matrix: Array) -> Array:

@@ -270,6 +270,19 @@ class Coupling(WithOptions):
             raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
 
 
+class Batches(Coupling):
+    """Pairs that are made already, batch by batch."""
+
+    solves = False
+
+    def __init__(self, batches: Iterator[Pairs]) -> None:
+        self._batches = batches
+
+    def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
+        """The next batch."""
+        return next(self._batches)
+
+
 class Last:
     """The last value of a function of tensors, kept for the same tensors: epoch after epoch."""
 

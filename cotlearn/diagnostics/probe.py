@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from operator import itemgetter
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Pairs, Source, generator_for
+from cotlearn.couplings.base import Batches, Pairs, generator_for
 from cotlearn.datasets import Standardiser
 from cotlearn.flows.networks import VelocityMLP
 from cotlearn.flows.training import fit
@@ -42,7 +41,7 @@ def one_step_scores(pairs: Any, test: Any, *, steps: int = 500, seed: int = 0) -
     rng = generator_for(seed, 0, purpose=13)
     rows = torch.randint(len(pairs), (steps, BATCH), generator=rng)
     made = VelocityMLP(test.dim, test.condition_dim, width=WIDTH, depth=DEPTH, seed=seed)
-    batches = _Batches(shown.map(itemgetter(some)) for some in rows)
+    batches = Batches(shown.map(itemgetter(some)) for some in rows)
     options: Any = {"steps": steps, "batch_size": BATCH, "loss": _first_step, "ema": 0.0}
     network = fit(made.to(pairs.x0), test, batches, **options, progress=False).network
     rows = torch.randperm(len(test), generator=rng)[:MOST_ROWS]
@@ -52,19 +51,6 @@ def one_step_scores(pairs: Any, test: Any, *, steps: int = 500, seed: int = 0) -
             noise = torch.randn(len(rows), test.dim, generator=rng, dtype=pairs.x0.dtype)
             drawn.append(noise + network(0.0, noise, c))
     return energy_scores(torch.stack(drawn), test.x1[rows])
-
-
-class _Batches(Coupling):
-    """Pairs that were made already, batch by batch."""
-
-    solves = False
-
-    def __init__(self, batches: Iterator[Pairs]) -> None:
-        self._batches = batches
-
-    def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
-        """The next batch."""
-        return next(self._batches)
 
 
 def _first_step(network: Any, pairs: Pairs, generator: torch.Generator) -> Tensor:

@@ -8,6 +8,7 @@ the output is convex in x whatever the values of the parameters. Directly from x
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -16,7 +17,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
-from cotlearn.couplings.base import Coupling, Pairs, draw_noise
+from cotlearn.couplings.base import Batches, Pairs
 from cotlearn.datasets import Dataset
 from cotlearn.flows.networks import seeded
 from cotlearn.flows.training import fit
@@ -168,24 +169,35 @@ class _Layers:
 Given: TypeAlias = _ByAutodiff | _Layers
 
 
-class _Body(nn.Module):
+class _InputConvex(ConvexPotential):
     """The parameters that input-convex networks with and without a condition share."""
 
-    def __init__(self, dim: int, width: int, depth: int) -> None:
-        super().__init__()
+    def __init__(self, dim: int, condition_dim: int, width: int, depth: int, alpha: float) -> None:
+        super().__init__(dim, condition_dim)
+        self.alpha = check_number(alpha, "alpha", minimum=SMALLEST_ALPHA)
         shape = check_count(depth, "depth"), check_count(width, "width")
-        self.L = nn.Parameter(torch.randn(*shape, dim) * (2 / math.sqrt(dim)))
-        self.s = nn.Parameter(torch.randn(shape))
+        self.root = nn.Parameter(torch.eye(dim))
         start = math.log(1 / width)  # softplus(r) is nearly exp(r) here: rows sum to about 1
-        self.raw_W = nn.Parameter(torch.randn(depth - 1, width, width) + start - 0.5)
-        self.raw_w = nn.Parameter(torch.full((width,), start + math.log(AT_THE_START)))
+        self.body = nn.ParameterDict(
+            [
+                ("L", torch.randn(*shape, dim) * (2 / math.sqrt(dim))),
+                ("s", torch.randn(shape)),
+                ("raw_W", torch.randn(depth - 1, width, width) + start - 0.5),
+                ("raw_w", torch.full((width,), start + math.log(AT_THE_START))),
+            ]
+        )
 
-    def quadratic(self, root: Tensor, alpha: float) -> Tensor:
+    def _q(self, root: Tensor) -> Tensor:
         """Q = root root^T + alpha I, positive definite."""
-        return root @ root.mT + alpha * torch.eye(root.shape[-1]).to(root)
+        return root @ root.mT + self.alpha * torch.eye(self.dim).to(root)
+
+    def _layers(self, Q: Tensor, b: Tensor, s: Tensor, w: Tensor, F: Any = None) -> _Layers:
+        """The network with its positive weights made."""
+        body = self.body
+        return _Layers(Q, b, body["L"], softplus(body["raw_W"]), s, softplus(w), F)
 
 
-class ICNN(ConvexPotential):
+class ICNN(_InputConvex):
     """An input-convex network Psi(x) with a quadratic part of its own.
 
     Psi(x) = alpha/2 |x|^2 + |R^T x|^2/2 + <b, x> + network(x). Untrained, its gradient is nearly x;
@@ -208,23 +220,13 @@ class ICNN(ConvexPotential):
         alpha: float = SMALLEST_ALPHA,
         seed: int | None = None,
     ) -> None:
-        super().__init__(dim)
-        self.alpha = check_number(alpha, "alpha", minimum=SMALLEST_ALPHA)
         with seeded(seed):
-            self.body = _Body(dim, width, depth)
-        self.root = nn.Parameter(torch.eye(dim))
+            super().__init__(dim, 0, width, depth, alpha)
         self.b = nn.Parameter(torch.zeros(dim))
 
     def given(self, c: Tensor | None) -> _Layers:
         """The network with its positive weights made."""
-        return _Layers(
-            Q=self.body.quadratic(self.root, self.alpha),
-            b=self.b,
-            L=self.body.L,
-            W=softplus(self.body.raw_W),
-            s=self.body.s,
-            w=softplus(self.body.raw_w),
-        )
+        return self._layers(self._q(self.root), self.b, self.body["s"], self.body["raw_w"])
 
     @torch.no_grad()
     def start_at_gaussian(self, x1: Tensor, c: Tensor | None = None) -> ICNN:
@@ -256,7 +258,7 @@ class ICNN(ConvexPotential):
         return self
 
 
-class PICNN(ConvexPotential):
+class PICNN(_InputConvex):
     """A partially input-convex network Psi(x; c): convex in x, any function of c.
 
     The network of `ICNN`, whose quadratic and linear parts, thresholds, last weights and frame (a
@@ -283,37 +285,27 @@ class PICNN(ConvexPotential):
         alpha: float = SMALLEST_ALPHA,
         seed: int | None = None,
     ) -> None:
-        super().__init__(dim, check_count(condition_dim, "condition_dim"))
-        self.alpha = check_number(alpha, "alpha", minimum=SMALLEST_ALPHA)
-        self.width, self.depth, n = width, depth, condition_width
+        k, n = check_count(condition_dim, "condition_dim"), condition_width
         with seeded(seed):
-            self.body = _Body(dim, width, depth)
-            self.gaussian = _condition_network(condition_dim, n, dim + dim * dim)
-            self.shape = _condition_network(condition_dim, n, (depth + 1) * width + dim * dim)
-        self.root = nn.Parameter(torch.eye(dim))
+            super().__init__(dim, k, width, depth, alpha)
+            self.gaussian = _condition_network(k, n, dim + dim * dim)
+            self.shape = _condition_network(k, n, (depth + 1) * width + dim * dim)
 
     def given(self, c: Any) -> _Layers:
         """The network with the conditions of its rows filled in."""
         c = c.to(self.root.dtype)
-        B, d = len(c), self.dim
         Q, b = self._quadratic(c)
-        shifts, gates, frame = self.shape(c).split([self.depth * self.width, self.width, d * d], 1)
-        eye = torch.eye(d).to(c)
-        return _Layers(
-            Q=Q,
-            b=b,
-            L=self.body.L,
-            W=softplus(self.body.raw_W),
-            s=self.body.s[:, None] + shifts.reshape(B, self.depth, self.width).transpose(0, 1),
-            w=softplus(self.body.raw_w + gates),
-            F=eye + frame.reshape(B, d, d),
-        )
+        s, w = self.body["s"], self.body["raw_w"]
+        shifts, gates, turn = self.shape(c).split([s.numel(), len(w), self.dim**2], dim=1)
+        s = s[:, None] + shifts.reshape(len(c), *s.shape).transpose(0, 1)
+        F = torch.eye(self.dim).to(c) + turn.reshape(Q.shape)
+        return self._layers(Q, b, s, w + gates, F)
 
     def _quadratic(self, c: Tensor) -> tuple[Tensor, Tensor]:
         """Q(c) of shape (B, d, d), b(c) of shape (B, d)."""
         b, root = self.gaussian(c).split([self.dim, self.dim**2], dim=1)
         root = self.root + root.reshape(len(c), self.dim, self.dim)
-        return self.body.quadratic(root, self.alpha), b
+        return self._q(root), b
 
     def start_at_gaussian(self, x1: Tensor, c: Tensor) -> PICNN:
         """Make the gradient nearly the optimal map to N(m(c), S(c)), learned from pairs (x1, c).
@@ -330,12 +322,19 @@ class PICNN(ConvexPotential):
             The potential itself, changed.
         """
         check_inputs(self, x1, c, "x1")
-        data = Dataset(x1, c.to(x1.dtype))
-        trained = fit(
-            self, data, _FreshRows(), loss=_gaussian_dual, ema=0.0, progress=False, **START
-        )
+        data, generator = Dataset(x1, c.to(x1.dtype)), torch.Generator().manual_seed(0)
+        batches = Batches(_fresh_pairs(data, START["batch_size"], generator))
+        trained = fit(self, data, batches, loss=_gaussian_dual, ema=0.0, progress=False, **START)
         self.load_state_dict(trained.network.state_dict())
         return self
+
+
+def _fresh_pairs(data: Dataset, n: int, generator: torch.Generator) -> Iterator[Pairs]:
+    """Independent pairs, all drawn one after the other from a single generator."""
+    while True:
+        x1, c = data.sample(n, generator)
+        index = torch.arange(n)
+        yield Pairs(torch.randn(x1.shape, dtype=x1.dtype, generator=generator), x1, c, index, index)
 
 
 def _gaussian_dual(network: Any, pairs: Pairs, generator: torch.Generator) -> Tensor:
@@ -344,20 +343,6 @@ def _gaussian_dual(network: Any, pairs: Pairs, generator: torch.Generator) -> Te
     conjugate = (off.mT @ torch.linalg.solve(Q, off))[:, 0, 0] / 2
     x0 = pairs.x0
     return ((x0[:, None] @ Q)[:, 0] * x0).sum(dim=1) / 2 + (b * x0).sum(dim=1) + conjugate
-
-
-class _FreshRows(Coupling):
-    """Independent pairs, all drawn one after the other from a single generator."""
-
-    solves = False
-
-    def __init__(self) -> None:
-        self._rng = torch.Generator().manual_seed(0)
-
-    def solve(self, data: Any, n: int, source: Any, generator: torch.Generator) -> Pairs:
-        x1, c = data.sample(n, self._rng)
-        index = torch.arange(n)
-        return Pairs(draw_noise(x1, None, self._rng), x1, c, index, index)
 
 
 def _softplus(a: Tensor) -> Tensor:

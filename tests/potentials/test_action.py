@@ -31,7 +31,7 @@ def network(condition_dim=0, seed=0):
     else:
         net = ICNN(2, width=8, depth=2, seed=seed)
     with torch.no_grad():
-        net.body.raw_w.add_(4.0)
+        net.body["raw_w"].add_(4.0)
     return net.double()
 
 

@@ -149,8 +149,8 @@ def test_dtype(dtype):
 def test_seed_and_global_randomness():
     torch.manual_seed(0)
     before = torch.get_rng_state()
-    assert torch.equal(ICNN(2, seed=1).body.L, ICNN(2, seed=1).body.L)
-    assert not torch.equal(ICNN(2, seed=1).body.L, ICNN(2, seed=2).body.L)
+    assert torch.equal(ICNN(2, seed=1).body["L"], ICNN(2, seed=1).body["L"])
+    assert not torch.equal(ICNN(2, seed=1).body["L"], ICNN(2, seed=2).body["L"])
     assert torch.equal(torch.get_rng_state(), before)
 
 

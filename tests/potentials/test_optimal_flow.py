@@ -35,7 +35,7 @@ def gaussian_potential():
     """The potential of the optimal map x -> ROOT x + MEAN, without a network's part."""
     net = ICNN(2, width=1, depth=1).double()
     with torch.no_grad():
-        net.body.raw_w.fill_(-100.0)
+        net.body["raw_w"].fill_(-100.0)
         net.root.copy_(torch.linalg.cholesky(ROOT - net.alpha * torch.eye(2).double()))
         net.b.copy_(MEAN)
     return net
@@ -48,7 +48,7 @@ def network(condition_dim=0, dim=2, seed=0):
     else:
         net = ICNN(dim, width=8, depth=2, seed=seed)
     with torch.no_grad():
-        net.body.raw_w.add_(4.0)
+        net.body["raw_w"].add_(4.0)
     return net.double()
 
 
