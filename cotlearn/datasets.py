@@ -103,7 +103,7 @@ class Dataset:
         """
         if self.c is None:
             raise ValueError("this data set has no condition: use sample(n)")
-        c = check_matrix(check_condition(c), "c", columns=self.condition_dim)
+        c = check_condition(c, columns=self.condition_dim)
         wanted, index = torch.unique(c, dim=0, return_inverse=True)
         x1 = torch.empty(len(c), self.dim, dtype=self.x1.dtype)
         for i, condition in enumerate(wanted):

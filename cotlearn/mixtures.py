@@ -16,13 +16,7 @@ import torch
 from torch import Tensor
 
 from cotlearn.renamed import renamed
-from cotlearn.validation import (
-    check_choice,
-    check_count,
-    check_matrix,
-    check_same_rows,
-    check_times,
-)
+from cotlearn.validation import check_choice, check_count, check_inputs, check_matrix, check_times
 
 _MOVED = ("Dataset", "Unconditional", "digits", "unconditional")
 __getattr__ = renamed(__name__, {name: f"cotlearn.datasets:{name}" for name in _MOVED})
@@ -68,7 +62,8 @@ class ConditionalGaussianMixture:
 
     def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw one x from p(x | c) for each row of c, shape (n, d)."""
-        log_weights, means, stds = self._components(c)
+        check_matrix(c, "c", columns=self.condition_dim)
+        log_weights, means, stds = self.components(c)
         k = torch.multinomial(log_weights.exp(), 1, generator=generator)[:, 0]
         row = torch.arange(len(c))
         noise = torch.randn(len(c), self.dim, generator=generator)
@@ -84,9 +79,7 @@ class ConditionalGaussianMixture:
         Raises:
             ValueError: p(x | c) has no density because a coordinate is certain given c.
         """
-        check_matrix(x, "x", columns=self.dim)
-        log_weights, means, stds = self._components(c)
-        check_same_rows(x, "x", c, "c")
+        log_weights, means, stds = self.components(check_inputs(self, x, c))
         if (stds == 0).any():
             raise ValueError(f"{self.name}: p(x | c) has no density, c fixes a coordinate of x")
         return torch.logsumexp(log_weights + _log_normal(x, means, stds), dim=1)
@@ -98,22 +91,16 @@ class ConditionalGaussianMixture:
         the posterior weights of the components add these up (science of Lipman et al., 2210.02747,
         applied to mixtures). t is a number or has shape (n,), in [0, 1].
         """
-        check_matrix(x, "x", columns=self.dim)
-        log_weights, means, stds = self._components(c)
-        check_same_rows(x, "x", c, "c")
+        log_weights, means, stds = self.components(check_inputs(self, x, c))
         time = check_times(t, x)[:, None, None]
         variance = (1 - time) ** 2 + time**2 * stds**2  # of x_t given k
         covariance = time * stds**2 - (1 - time)  # of x_t with x1 - x0 given k
         # At t = 1 a certain coordinate has no spread: all that is left there is its mean.
         variance = variance.clamp_min(torch.finfo(x.dtype).tiny ** 0.5)
-        posterior = torch.softmax(
-            log_weights + _log_normal(x, time * means, variance.sqrt()), dim=1
-        )
+        likelihood = _log_normal(x, time * means, variance.sqrt())
+        posterior = torch.softmax(log_weights + likelihood, dim=1)
         field = means + covariance / variance * (x[:, None, :] - time * means)
         return (posterior[:, :, None] * field).sum(dim=1)
-
-    def _components(self, c: Tensor) -> Components:
-        return self.components(check_matrix(c, "c", columns=self.condition_dim))
 
 
 def _log_normal(x: Tensor, means: Tensor, stds: Tensor) -> Tensor:
@@ -256,10 +243,9 @@ def _moons_given_x(means: Tensor, std: float) -> ConditionalGaussianMixture:
     def components(c: Tensor) -> Components:
         log_weights = torch.log_softmax(-((c - means[:, 0]) ** 2) / (2 * std**2), dim=1)
         heights = means[:, 1].expand(len(c), -1)
-        stds = torch.tensor([0.0, std]).expand(*heights.shape, 2)
-        return Components(
-            log_weights, torch.stack([c.expand_as(heights), heights], dim=2), stds.clone()
-        )
+        points = torch.stack([c.expand_as(heights), heights], dim=2)
+        stds = torch.tensor([0.0, std]).expand_as(points)
+        return Components(log_weights, points, stds)
 
     def draw(n: int, generator: torch.Generator | None) -> Tensor:
         k = torch.randint(len(means), (n,), generator=generator)

@@ -39,18 +39,21 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None) -> Tensor
     return value
 
 
-def check_shape(value: Any, name: str, shape: tuple[int, ...]) -> Tensor:
-    """Return `value` if it is a floating-point tensor of this shape, whatever its numbers."""
+def check_shape(value: Any, name: str, shape: tuple[int, ...], verb: str = "have") -> Tensor:
+    """Return `value` if it is a floating-point tensor of this shape, whatever its numbers.
+
+    For what a user's function returns `name` is the function and `verb` is "return".
+    """
     if not isinstance(value, Tensor) or not value.is_floating_point():
         got = value.dtype if isinstance(value, Tensor) else type(value).__name__
-        raise TypeError(f"{name} must be a floating-point tensor, got {got}")
-    if value.shape != shape:
-        raise ValueError(f"{name} must have shape {shape}, got {tuple(value.shape)}")
+        raise TypeError(f"{name} must {verb} a floating-point tensor, got {got}")
+    if value.shape != shape:  # broadcasting would hide it
+        raise ValueError(f"{name} must {verb} shape {tuple(shape)}, got {tuple(value.shape)}")
     return value
 
 
-def check_condition(value: Any, name: str = "c") -> Tensor:
-    """Return a condition as a floating-point tensor of shape (n, k).
+def check_condition(value: Any, name: str = "c", *, columns: int | None = None) -> Tensor:
+    """Return a condition as a floating-point tensor of shape (n, columns).
 
     Integer and bool tensors of shape (n, k) are taken as numbers; a vector of n labels is refused,
     because the distance between labels 1 and 7 means nothing: make it one-hot.
@@ -62,7 +65,7 @@ def check_condition(value: Any, name: str = "c") -> Tensor:
             f"{name} must have shape (rows, columns), got {tuple(value.shape)}; "
             "for class labels use torch.nn.functional.one_hot, for one number per row c[:, None]"
         )
-    return check_matrix(value, name)
+    return check_matrix(value, name, columns=columns)
 
 
 def check_same_rows(first: Tensor, first_name: str, second: Tensor, second_name: str) -> None:
@@ -76,12 +79,12 @@ def check_same_rows(first: Tensor, first_name: str, second: Tensor, second_name:
         )
 
 
-def check_inputs(network: Any, x: Any, c: Any, name: str = "x") -> Tensor | None:
+def check_inputs(network: Any, x: Any, c: Any, name: str = "x") -> Any:
     """Check what a network is about to be given, and return c as floating-point numbers, or None.
 
     Args:
-        network: sizes are compared with its `dim` and `condition_dim`, if it has them, and the
-            type of numbers with that of its weights, if it is a module.
+        network: or data. Sizes are compared with its `dim` and `condition_dim`, if it has them,
+            and the type of numbers with that of its weights, if it is a module.
         x: (B, d), finite.
         c: (B, k), or None.
         name: of x, for messages.
@@ -91,17 +94,15 @@ def check_inputs(network: Any, x: Any, c: Any, name: str = "x") -> Tensor | None
         weights = next(itertools.chain(network.parameters(), network.buffers()), x)
         if x.dtype != weights.dtype:
             raise TypeError(f"{name} must have the weights' type {weights.dtype}, got {x.dtype}")
-    wanted = getattr(network, "condition_dim", None)
+    who, wanted = type(network).__name__, getattr(network, "condition_dim", None)
     if c is None:
         if wanted:
-            raise ValueError(f"c is missing: this network needs c of shape (rows, {wanted})")
+            raise ValueError(f"c is missing: {who} needs c of shape (rows, {wanted})")
         return None
     if wanted == 0:
-        raise ValueError("this network has condition_dim=0, but got c; pass c=None")
-    c = check_condition(c)
+        raise ValueError(f"{who} has condition_dim=0, but got c; pass c=None")
+    c = check_condition(c, columns=wanted)
     check_same_rows(c, "c", x, name)
-    if wanted is not None and c.shape[1] != wanted:
-        raise ValueError(f"c has {c.shape[1]} columns, this network expects {wanted}")
     return c
 
 
@@ -118,13 +119,11 @@ def check_times(t: Any, x: Tensor) -> Tensor:
 def check_array(value: Any, name: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
     """Return real, finite numbers as a float64 array of this shape; None is any size above 0."""
     try:
-        array = np.asarray(value, dtype=None if np.iscomplexobj(value) else np.float64)
+        array = np.asarray(value).astype(np.float64, casting="same_kind", copy=False)
     except (TypeError, ValueError):
         raise TypeError(f"{name} must hold real numbers, got {value!r}") from None
-    if np.iscomplexobj(array):
-        raise TypeError(f"{name} must hold real numbers, got complex ones")
-    fits = array.ndim == len(shape) and array.size
-    if not fits or any(w not in (None, n) for n, w in zip(array.shape, shape, strict=True)):
+    sizes = zip(array.shape, shape, strict=False)
+    if array.ndim != len(shape) or not array.size or any(w not in (None, n) for n, w in sizes):
         wanted = str(shape).replace("None", "any")
         raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
     if not np.isfinite(array).all():

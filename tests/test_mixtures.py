@@ -218,7 +218,7 @@ def test_inputs_stay_as_they_are():
         (lambda d, x, c: d.sample_given(c[:, :3]), ValueError, "c has 3 columns, expected 4"),
         (lambda d, x, c: d.sample_given(None), TypeError, "c must be a torch tensor"),
         (lambda d, x, c: d.sample_given(c * math.nan), ValueError, "c has NaN"),
-        (lambda d, x, c: d.log_density(x[:2], c), ValueError, "x has 2 rows, c has 5"),
+        (lambda d, x, c: d.log_density(x[:2], c), ValueError, "c has 5 rows, x has 2"),
         (lambda d, x, c: d.log_density(x[:, :1], c), ValueError, "x has 1 columns, expected 2"),
         (lambda d, x, c: d.velocity(1.5, x, c), ValueError, r"t must lie in \[0, 1\]"),
         (lambda d, x, c: d.velocity(-0.1, x, c), ValueError, r"t must lie in \[0, 1\]"),

@@ -7,15 +7,9 @@ import math
 import torch
 from torch import Tensor
 
+from cotlearn import validation
 from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Velocity, squared_error
-from cotlearn.validation import (
-    check_choice,
-    check_count,
-    check_inputs,
-    check_matrix,
-    check_positive,
-)
 
 SPACINGS = ("leading", "trailing")
 LARGEST_BETA = 0.999
@@ -37,8 +31,8 @@ class Diffusion:
     """
 
     def __init__(self, levels: int = 100, *, clip: float | None = 1.0) -> None:
-        self.levels = check_count(levels, "levels", minimum=2)
-        self.clip = None if clip is None else check_positive(clip, "clip")
+        self.levels = validation.check_count(levels, "levels", minimum=2)
+        self.clip = None if clip is None else validation.check_positive(clip, "clip")
         self.alphas_cumprod = _squared_cosine(levels)
 
     def loss(self, network: Velocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
@@ -63,11 +57,9 @@ class Diffusion:
             c: (B, k), or None.
             noise: (N - 1, B, d), standard normal, added in each step but the last.
         """
-        check_inputs(network, x, c)
-        shape = (self.levels - 1, *x.shape)
-        if noise.shape != shape:
-            raise ValueError(f"noise must have shape {shape}, got {tuple(noise.shape)}")
-        check_matrix(noise.reshape(len(noise), -1), "noise")
+        validation.check_inputs(network, x, c)
+        validation.check_shape(noise, "noise", (self.levels - 1, *x.shape))
+        validation.check_matrix(noise.flatten(1), "noise")
         noise = noise.to(x)
         a = self.alphas_cumprod.double().tolist()
         for number, k in enumerate(reversed(range(self.levels))):
@@ -102,7 +94,7 @@ class Diffusion:
                 Diffusion Policy's; "trailing": N - 1, N - 1 - N / nfe, ..., which starts where
                 there is only noise (2305.08891).
         """
-        check_inputs(network, x, c)
+        validation.check_inputs(network, x, c)
         levels = self.ddim_levels(nfe, spacing)
         for k, after in zip(levels, [*levels[1:], None], strict=True):
             x1, noise = self._split(network, k, x, c)
@@ -112,9 +104,9 @@ class Diffusion:
 
     def ddim_levels(self, nfe: int, spacing: str = "leading") -> list[int]:
         """The levels at which `ddim` evaluates the network, falling."""
-        if check_count(nfe, "nfe") > self.levels:
+        if validation.check_count(nfe, "nfe") > self.levels:
             raise ValueError(f"nfe must be at most the {self.levels} levels, got {nfe}")
-        if check_choice(spacing, "spacing", SPACINGS) == "leading":
+        if validation.check_choice(spacing, "spacing", SPACINGS) == "leading":
             return [self.levels // nfe * i for i in reversed(range(nfe))]
         return [round(self.levels * (nfe - i) / nfe) - 1 for i in range(nfe)]
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
-from cotlearn.validation import check_share
+from cotlearn.validation import check_shape, check_share
 
 #: A velocity field: (t, x, c) -> (B, d), with t a number or of shape (B,).
 Velocity: TypeAlias = Callable[[Tensor, Tensor, Tensor | None], Tensor]
@@ -20,12 +20,8 @@ Loss: TypeAlias = Callable[[Any, Pairs, torch.Generator], Tensor]
 
 def interpolate(x0: Tensor, x1: Tensor, t: Tensor) -> Tensor:
     """The straight path x_t = (1 - t) x0 + t x1, (B, d), for t of shape (B,)."""
-    if x0.shape != x1.shape or t.shape != x0.shape[:1]:  # broadcasting would hide it
-        raise ValueError(
-            f"x0 and x1 must have one shape (rows, columns), and t (rows,): got {tuple(x0.shape)}, "
-            f"{tuple(x1.shape)} and {tuple(t.shape)}"
-        )
-    t = t[:, None]
+    check_shape(x1, "x1", x0.shape)
+    t = check_shape(t, "t", x0.shape[:1])[:, None]
     return (1 - t) * x0 + t * x1
 
 
@@ -97,17 +93,11 @@ def _loss_at(network: Velocity, pairs: Pairs, t: Tensor) -> Tensor:
 
 def squared_error(predicted: Tensor, target: Tensor) -> Tensor:
     """|predicted - target|^2 of each row, (B,)."""
-    if predicted.shape != target.shape:  # broadcasting would hide it
-        raise ValueError(
-            f"network must return shape {tuple(target.shape)}, got {tuple(predicted.shape)}"
-        )
+    check_shape(predicted, "network", target.shape, "return")
     return (predicted - target).square().sum(dim=1)
 
 
 def weighted_mean(losses: Tensor, pairs: Pairs) -> Tensor:
     """The mean of the rows' losses, with the weights that the pairs carry."""
-    if losses.shape != (len(pairs),):
-        raise ValueError(
-            f"loss must return one value per row, shape ({len(pairs)},), got {tuple(losses.shape)}"
-        )
+    check_shape(losses, "loss", (len(pairs),), "return one value per row,")
     return losses.mean() if pairs.weight is None else (pairs.weight * losses).mean()

@@ -56,12 +56,8 @@ class VelocityMLP(_Network):
         check_count(width, "width")
         sizes = [1 + dim + condition_dim] + [width] * check_count(depth, "depth")
         with seeded(seed):
-            hidden = [
-                layer
-                for before, after in itertools.pairwise(sizes)
-                for layer in (nn.Linear(before, after), nn.SiLU())
-            ]
-            self.layers = nn.Sequential(*hidden, nn.Linear(width, dim))
+            hidden = ((nn.Linear(a, b), nn.SiLU()) for a, b in itertools.pairwise(sizes))
+            self.layers = nn.Sequential(*itertools.chain(*hidden), nn.Linear(width, dim))
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
         """The velocity, shape (B, d).
@@ -294,9 +290,7 @@ class ImageEncoder(nn.Module):
 @contextlib.contextmanager
 def seeded(seed: int | None) -> Iterator[None]:
     """Draw from this seed, and leave torch's global randomness as it was."""
-    if seed is None:
-        yield
-        return
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
+    with torch.random.fork_rng(devices=[], enabled=seed is not None):
+        if seed is not None:
+            torch.manual_seed(seed)
         yield

@@ -11,8 +11,8 @@ import torch
 from scipy.integrate import solve_ivp
 from torch import Tensor
 
+from cotlearn import validation
 from cotlearn.flows.matching import Velocity
-from cotlearn.validation import check_choice, check_condition, check_count, check_inputs
 
 TOLERANCE = 1e-4  #: of dopri5, relative and absolute
 
@@ -57,9 +57,9 @@ def _rk4(field: Field, t: float, h: float, x: Tensor) -> Tensor:
     return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-_STEPS = {"euler": _euler, "midpoint": _midpoint, "heun": _heun, "rk4": _rk4}
-EVALUATIONS = {"euler": 1, "midpoint": 2, "heun": 2, "rk4": 4}  #: of one step
-METHODS = (*EVALUATIONS, "dopri5")
+#: Each method with the evaluations of a step.
+_STEPS = {"euler": (_euler, 1), "midpoint": (_midpoint, 2), "heun": (_heun, 2), "rk4": (_rk4, 4)}
+METHODS = (*_STEPS, "dopri5")
 
 
 @torch.no_grad()
@@ -89,45 +89,32 @@ def integrate(
             unknown method; x0 or c of a wrong shape, or not finite.
         RuntimeError: dopri5 met a velocity that is not finite, or needs steps too small.
     """
-    check_inputs(velocity, x0, c, "x0")
+    validation.check_inputs(velocity, x0, c, "x0")
     evaluations = 0
 
     def field(t: float, x: Tensor) -> Tensor:
         nonlocal evaluations
         evaluations += 1
         v = velocity(torch.tensor(t, dtype=x.dtype, device=x.device), x, c)
-        if getattr(v, "shape", None) != x.shape:
-            got = tuple(v.shape) if isinstance(v, Tensor) else type(v).__name__
-            raise ValueError(f"velocity must return shape {tuple(x.shape)}, got {got}")
-        return v
+        return validation.check_shape(v, "velocity", x.shape, "return")
 
-    if check_choice(method, "method", METHODS) == "dopri5":
+    if validation.check_choice(method, "method", METHODS) == "dopri5":
         if nfe is not None:
             raise ValueError(f"nfe={nfe} was given with dopri5, which chooses its own")
         times, states = _adaptive(field, x0)
     else:
-        times, states = _fixed(field, x0, method, _steps(nfe, method), trajectory)
+        if nfe is None:
+            raise ValueError(f"nfe is missing: how many evaluations may {method} make?")
+        one_step, per_step = _STEPS[method]
+        steps, rest = divmod(validation.check_count(nfe, "nfe"), per_step)
+        if rest:
+            raise ValueError(f"nfe must be divisible by {per_step} for {method}, got {nfe}")
+        times, states = torch.arange(steps + 1) / steps, [x0]
+        for step in range(steps):
+            after = one_step(field, step / steps, 1 / steps, states[-1])
+            states = [*states, after] if trajectory else [after]
     kept = torch.stack(states) if trajectory else None
     return Solution(states[-1], evaluations, times, kept)
-
-
-def _steps(nfe: int | None, method: str) -> int:
-    per_step = EVALUATIONS[method]
-    if nfe is None:
-        raise ValueError(f"nfe is missing: how many evaluations may {method} make?")
-    if check_count(nfe, "nfe") % per_step:
-        raise ValueError(f"nfe must be divisible by {per_step} for {method}, got {nfe}")
-    return nfe // per_step
-
-
-def _fixed(
-    field: Field, x: Tensor, method: str, steps: int, keep: bool
-) -> tuple[Tensor, list[Tensor]]:
-    states = [x]
-    for step in range(steps):
-        x = _STEPS[method](field, step / steps, 1 / steps, x)
-        states = [*states, x] if keep else [x]
-    return torch.arange(steps + 1) / steps, states
 
 
 def _adaptive(field: Field, x0: Tensor) -> tuple[Tensor, list[Tensor]]:
@@ -156,12 +143,12 @@ def sampler(velocity: Velocity, *, nfe: int, dim: int | None = None) -> Callable
         nfe: Euler steps.
         dim: d, needed for a velocity without an attribute `dim`.
     """
-    size = getattr(velocity, "dim", None) if dim is None else check_count(dim, "dim")
+    size = getattr(velocity, "dim", None) if dim is None else validation.check_count(dim, "dim")
     if size is None:
         raise ValueError("dim is missing: the velocity does not say its dimension")
 
     def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
-        noise = torch.randn(len(check_condition(c)), size, generator=generator)
+        noise = torch.randn(len(validation.check_condition(c)), size, generator=generator)
         return integrate(velocity, noise.to(c.device), c, nfe=nfe).x1
 
     return sample

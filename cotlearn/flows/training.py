@@ -213,10 +213,8 @@ def _finite_losses(state: _State) -> list[float]:
     losses = [float(value) for value in state.unlogged]
     for value in losses:
         if not math.isfinite(value):
-            raise RuntimeError(
-                f"the loss became {value} by step {state.step}: lower learning_rate, or check the "
-                "data"
-            )
+            became = f"the loss became {value} by step {state.step}"
+            raise RuntimeError(f"{became}: lower learning_rate, or check the data")
     return losses
 
 
@@ -283,15 +281,12 @@ def _load(path: str | Path, state: _State) -> None:
 
 
 def _check_kinds(network: Any, data: Any, coupling: Any) -> None:
-    for name, value, fits, wanted in (
-        ("network", network, isinstance(network, nn.Module), "a torch.nn.Module"),
-        ("data", data, hasattr(data, "sample"), "an object with sample(n, generator=g)"),
-        ("coupling", coupling, hasattr(coupling, "stream"), "a coupling such as Independent()"),
+    for name, value, method, wanted in (
+        ("network", network, "parameters", "a torch.nn.Module"),
+        ("data", data, "sample", "an object with sample(n, generator=g)"),
+        ("coupling", coupling, "stream", "a coupling such as Independent()"),
     ):
-        if isinstance(value, type) or not fits:
-            kind = (
-                f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__
-            )
-            raise TypeError(f"{name} must be {wanted}, got {kind}")
+        if isinstance(value, type) or not hasattr(value, method):
+            raise TypeError(f"{name} must be {wanted}, got {value!r}")
     if next(network.parameters(), None) is None:
         raise ValueError("network has no parameters: there is nothing to train")

@@ -10,7 +10,7 @@ optimal transport (2510.27385).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import torch
 from torch import Tensor, nn
@@ -20,7 +20,7 @@ from cotlearn.flows.matching import interpolate, uniform_times
 from cotlearn.flows.networks import VelocityMLP
 from cotlearn.potentials.convex import ConvexPotential
 from cotlearn.potentials.optimal_flow import straight_line
-from cotlearn.validation import check_times
+from cotlearn.validation import check_shape, check_times
 
 #: Where the middle is: x_t of shape (B, d) from x0, x1 of shape (B, d) and t of shape (B,).
 Path: TypeAlias = Callable[[Tensor, Tensor, Tensor], Tensor]
@@ -35,22 +35,12 @@ class ActionMLP(nn.Module):
     Args:
         dim: d, columns of x.
         condition_dim: k, columns of c; 0 for no condition.
-        width: neurons of each hidden layer.
-        depth: hidden layers.
-        seed: of the initial weights; torch's global randomness if None.
+        options: width, depth and seed of f, as for `VelocityMLP`.
     """
 
-    def __init__(
-        self,
-        dim: int,
-        condition_dim: int = 0,
-        *,
-        width: int = 128,
-        depth: int = 3,
-        seed: int | None = None,
-    ) -> None:
+    def __init__(self, dim: int, condition_dim: int = 0, **options: Any) -> None:
         super().__init__()
-        self.network = VelocityMLP(dim, condition_dim, width=width, depth=depth, seed=seed)
+        self.network = VelocityMLP(dim, condition_dim, **options)
         self.dim, self.condition_dim = dim, condition_dim
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
@@ -138,9 +128,7 @@ def action_matching_loss(
     """
     x0, x1, c = pairs.x0, pairs.x1, pairs.c
     t = _stratified_times(pairs, generator)
-    x_t = path(x0, x1, t)
-    if x_t.shape != x0.shape:
-        raise ValueError(f"path must return shape {tuple(x0.shape)}, got {tuple(x_t.shape)}")
+    x_t = check_shape(path(x0, x1, t), "path", x0.shape, "return")
     by_t, by_x = action.derivatives(t, x_t, c)
     return action(0.0, x0, c) - action(1.0, x1, c) + by_x.square().sum(dim=1) / 2 + by_t
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from cotlearn.couplings.base import squared_distances
 from cotlearn.mixtures import spread_conditions, uniform_conditions
 from cotlearn.potentials.convex import ConvexPotential
-from cotlearn.validation import check_count, check_matrix, check_same_rows
+from cotlearn.validation import check_count, check_inputs
 
 RADIUS, WIDE, NARROW = 3.0, 1.0, 0.3  #: of `ConditionalGaussian`
 PIECES, SPREAD = 8, 2.0  #: of `LogSumExp`
@@ -81,9 +81,8 @@ class KnownMap:
     @torch.no_grad()
     def transport(self, x0: Tensor, c: Tensor | None = None) -> Tensor:
         """T(x0), shape (n, d); c must be None."""
-        if c is not None:
-            raise ValueError("this problem has no condition, but got c; pass c=None")
-        return self.true_map(check_matrix(x0, "x0", columns=self.dim))
+        check_inputs(self, x0, c, "x0")
+        return self.true_map(x0)
 
 
 class ConditionalGaussian:
@@ -120,8 +119,7 @@ class ConditionalGaussian:
 
     def transport(self, x0: Tensor, c: Tensor) -> Tensor:
         """T_c(x0), shape (n, d)."""
-        mean, root = self.moments(check_matrix(c, "c", columns=1))
-        check_same_rows(check_matrix(x0, "x0", columns=self.dim), "x0", c, "c")
+        mean, root = self.moments(check_inputs(self, x0, c, "x0"))
         return mean.to(x0) + (root.to(x0) @ x0[:, :, None])[:, :, 0]
 
     def variance(self) -> float:

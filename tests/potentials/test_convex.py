@@ -188,7 +188,7 @@ C = torch.zeros(4, 1)
         (lambda: transport(ICNN(2), X, C), ValueError, "condition_dim=0, but got c; pass c=None"),
         (lambda: transport(PICNN(2, 1), X), ValueError, r"needs c of shape \(rows, 1\)"),
         (lambda: transport(PICNN(2, 1), X, C[:3]), ValueError, "c has 3 rows, x0 has 4"),
-        (lambda: transport(PICNN(2, 1), X, X), ValueError, "c has 2 columns, this network expects"),
+        (lambda: transport(PICNN(2, 1), X, X), ValueError, "c has 2 columns, expected"),
         (lambda: transport(PICNN(2, 1), X, C / 0), ValueError, "c has NaN or infinite values"),
     ],
 )

@@ -298,7 +298,7 @@ def test_sampling_through_the_field():
     [
         (ICNN(3), "x1 has 2 columns, expected 3"),
         (ICNN(2), "condition_dim=0, but got c"),
-        (PICNN(2, 3), "c has 4 columns, this network expects 3"),
+        (PICNN(2, 3), "c has 4 columns, expected 3"),
     ],
 )
 def test_data_that_do_not_fit(net, message):

@@ -73,9 +73,9 @@ def test_bad_input():
     with pytest.raises(ValueError, match="dim must be at least 1"):
         ConditionalGaussian(0)
     data = KnownMap(LogSumExp(2).gradient, 2)
-    with pytest.raises(ValueError, match="no condition, but got c"):
+    with pytest.raises(ValueError, match="condition_dim=0, but got c"):
         data.transport(torch.zeros(3, 2), torch.zeros(3, 1))
     with pytest.raises(ValueError, match="x0 has 3 columns, expected 2"):
         data.transport(torch.zeros(3, 3))
-    with pytest.raises(ValueError, match="x0 has 3 rows, c has 2"):
+    with pytest.raises(ValueError, match="c has 2 rows, x0 has 3"):
         ConditionalGaussian().transport(torch.zeros(3, 2), torch.zeros(2, 1))
