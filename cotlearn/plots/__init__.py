@@ -17,7 +17,7 @@ from cotlearn.plots.charts import (
 )
 from cotlearn.plots.fields import contours, net, outlines, velocity_field
 from cotlearn.plots.images import image_grid, picture_grid
-from cotlearn.plots.motion import Gif, animate, film, gif
+from cotlearn.plots.motion import animate, film, gif
 from cotlearn.plots.points import (
     pair_lines,
     paired_source,
@@ -25,7 +25,7 @@ from cotlearn.plots.points import (
     source_given_condition,
     trajectories,
 )
-from cotlearn.plots.push_t import push_t_animation, push_t_chunks, push_t_episode, push_t_state
+from cotlearn.plots.push_t import push_t_animation, push_t_chunks, push_t_episode
 from cotlearn.plots.rows import bars, beside_published, differences, strata_heatmap
 from cotlearn.plots.style import (
     COLORS,
@@ -45,7 +45,6 @@ __all__ = [
     "LOOKS",
     "PATH_COLOR",
     "SOURCE_COLOR",
-    "Gif",
     "animate",
     "arm_paths",
     "arm_paths_3d",
@@ -71,7 +70,6 @@ __all__ = [
     "push_t_animation",
     "push_t_chunks",
     "push_t_episode",
-    "push_t_state",
     "scatter",
     "score_against_latency",
     "score_against_nfe",

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 Array = Any  #: NDArray[np.float64]; the stubs of matplotlib refuse arrays that it takes
@@ -107,8 +107,7 @@ def open_plane(ax: Axes | None, *, legend: bool = False) -> Axes:
 def finish_plane(ax: Axes, title: str, limit: float | None) -> Axes:
     """Name the coordinates, and make both axes equal: from -limit to limit, or fitted."""
     ax.set(xlabel="first coordinate", ylabel="second coordinate", title=title)
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    ax.locator_params(nbins=4, steps=[1, 2, 5, 10])
     if len(ax.get_shared_y_axes().get_siblings(ax)) > 1:
         ax.label_outer()
     ax.set_aspect("equal", adjustable="datalim" if limit is None else "box")

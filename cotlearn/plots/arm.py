@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -41,15 +41,15 @@ def arm_paths(
         ax.add_patch(Circle((x, y), radius, facecolor=PILLAR, edgecolor="none", zorder=3))
     goal, ring = scene[GOAL][:2], {"edgecolor": GOAL_MARK, "linewidth": 1.8, "zorder": 5}
     ax.add_patch(Circle(goal, 0.025, fill=False, **ring))
-    for chosen, look in _by_mode(lines[..., :2], modes):
-        ax.add_collection(LineCollection(chosen, zorder=2, **look))
-    x, y, _ = lines[as_array(modes) == _FAILED, -1].T
+    of_mode = _by_mode(lines, modes)
+    for mode, some in of_mode.items():
+        ax.add_collection(LineCollection(some[..., :2], zorder=2, **_look(mode)))
+    x, y, _ = of_mode.get(_FAILED, lines[:0])[:, -1].T
     ax.scatter(x, y, marker="x", s=22, color=SOURCE_COLOR, linewidths=1.0, zorder=6)
     x, y, _ = lines[:, 0].T
     ax.scatter(x, y, s=16, color=SOURCE_COLOR, zorder=5, linewidths=0)
     ax.set_aspect("equal", adjustable="datalim")
     ax.autoscale_view()
-    ax.grid(False)
     ax.set(xlabel="x in metres", ylabel="y in metres", title=title)
     return ax
 
@@ -77,8 +77,9 @@ def arm_paths_3d(
     ax = _open_space(ax)
     for pillar in pillars(scene):
         draw_pillar(ax, pillar)
-    for chosen, look in _by_mode(lines, modes, labels):
-        ax.add_collection3d(Line3DCollection(chosen, **look))
+    for mode, some in _by_mode(lines, modes).items():
+        label = "failed" if mode == _FAILED else labels[mode]
+        ax.add_collection3d(Line3DCollection(some, label=label, **_look(mode)))
     ax.scatter(*lines[:, 0].T, s=14, color=SOURCE_COLOR, depthshade=False)
     ax.scatter(*scene[GOAL], s=34, facecolors="none", edgecolors=GOAL_MARK, linewidths=1.8)
     tops = pillars(scene)[:, [0, 1, 3]]
@@ -106,22 +107,21 @@ def arm_pose(points: Numbers, state: Numbers, *, ax: Any = None, title: str = ""
     return _finish_space(ax, title)
 
 
-def _by_mode(
-    lines: Array, modes: Numbers, labels: Sequence[str] = ()
-) -> Iterator[tuple[Array, dict[str, Any]]]:
-    """The lines of each mode that occurs, and their look."""
+def _by_mode(lines: Array, modes: Numbers) -> dict[int, Array]:
+    """The lines of each mode that occurs."""
     numbers = as_array(modes, len(lines)).astype(int)
-    for mode in np.unique(numbers).tolist():
-        failed = mode == _FAILED
-        look: dict[str, Any] = {
-            "colors": PATH_COLOR if failed else condition_color(mode),
-            "linestyles": (0, (3, 2)) if failed or mode >= 10 else "-",  # ten colours, then dashes
-            "linewidths": 1.2,
-            "alpha": 0.85,
-        }
-        if labels:
-            look["label"] = "failed" if failed else labels[mode]
-        yield lines[numbers == mode], look
+    return {mode: lines[numbers == mode] for mode in np.unique(numbers).tolist()}
+
+
+def _look(mode: int) -> dict[str, Any]:
+    """A colour for each of ten modes, then dashes as well; what failed is grey and dashed."""
+    failed = mode == _FAILED
+    return {
+        "colors": PATH_COLOR if failed else condition_color(mode),
+        "linestyles": (0, (3, 2)) if failed or mode >= 10 else "-",
+        "linewidths": 1.2,
+        "alpha": 0.85,
+    }
 
 
 def _open_space(ax: Any) -> Any:

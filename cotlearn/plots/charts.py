@@ -79,8 +79,8 @@ def error_against_nfe(
         log: whether the error's axis is logarithmic.
         options: more of :func:`curves`: floor, floor_label, ax, title, labels, legend.
     """
-    words, logarithmic = "network evaluations per sample (NFE)", "y" if log else ""
-    ax = curves(nfe, errors, xlabel=words, ylabel=ylabel, log=logarithmic, **options)
+    words = "network evaluations per sample (NFE)"
+    ax = curves(nfe, errors, xlabel=words, ylabel=ylabel, log="y" if log else "", **options)
     return _axis_of_evaluations(ax, nfe)
 
 

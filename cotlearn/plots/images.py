@@ -47,8 +47,8 @@ def _tile(tiles: Array, columns: int, row_labels: Sequence[str], *, inches: floa
     picture = grid.reshape(rows * down, columns * across, -1)[:-gap, :-gap]
     ax = open_axes(None, (inches * columns + 1.0, inches * rows + 0.4))
     ax.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
-    ax.set_xticks([])
-    ax.set_yticks(np.arange(rows) * down + height / 2 - 0.5, row_labels)
+    middles = np.arange(rows) * down + height / 2 - 0.5
+    ax.set(xticks=[], yticks=middles, yticklabels=row_labels)
     ax.tick_params(length=0)
     ax.spines[:].set_visible(False)
     return ax

@@ -11,6 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from cotlearn.plots import style
 from cotlearn.plots._canvas import (
     Numbers,
     as_array,
@@ -19,15 +20,6 @@ from cotlearn.plots._canvas import (
     open_plane,
     panels,
     read_condition,
-)
-from cotlearn.plots.style import (
-    COLORS,
-    CONDITION_MAP,
-    CONDITION_MARKERS,
-    PATH_COLOR,
-    SOURCE_COLOR,
-    condition_color,
-    condition_colors,
 )
 
 _CLASSES = {"handletextpad": 0.2, "markerscale": 1.8}  #: the legend of classes
@@ -62,18 +54,20 @@ def scatter(
     ax = open_plane(ax, legend=legend)
     if x0 is not None:
         across, up = as_array(x0, "m", 2).T
-        ax.scatter(across, up, s=size * 0.6, color=SOURCE_COLOR, alpha=0.45, lw=0, label="noise")
+        ax.scatter(
+            across, up, s=size * 0.6, color=style.SOURCE_COLOR, alpha=0.45, lw=0, label="noise"
+        )
     across, up = points.T
     dots: dict[str, Any] = {"s": size, "alpha": 0.75, "linewidths": 0}
     if values is None:
-        ax.scatter(across, up, color=COLORS["independent"], **dots)
+        ax.scatter(across, up, color=style.COLORS["independent"], **dots)
     elif not n_classes:
-        drawn = ax.scatter(across, up, c=values, cmap=CONDITION_MAP, **dots)
+        drawn = ax.scatter(across, up, c=values, cmap=style.CONDITION_MAP, **dots)
         if legend:
             ax.figure.colorbar(drawn, ax=ax, label="condition $c$", shrink=0.85)
     for k in range(n_classes):
-        marker = CONDITION_MARKERS[k % len(CONDITION_MARKERS)]
-        dots |= {"color": condition_color(k), "marker": marker, "label": f"c = {k}"}
+        marker = style.CONDITION_MARKERS[k % len(style.CONDITION_MARKERS)]
+        dots |= {"color": style.condition_color(k), "marker": marker, "label": f"c = {k}"}
         ax.scatter(*points[values == k].T, **dots)
     if legend and n_classes:
         legend_beside(ax, **_CLASSES)
@@ -93,7 +87,7 @@ def pair_lines(
         options: more of :func:`scatter`: ax, title, limit, legend.
     """
     start, end = as_array(x0, "n", 2), as_array(x1, "n", 2)
-    colors = condition_colors(c, len(end), plain=PATH_COLOR)
+    colors = style.condition_colors(c, len(end), plain=style.PATH_COLOR)
     ax = scatter(end, c, x0=start, size=size, **options)
     lines = list(np.stack([start, end], axis=1))
     ax.add_collection(LineCollection(lines, colors=colors, lw=0.7, alpha=0.5, zorder=0))
@@ -112,7 +106,7 @@ def trajectories(path: Numbers, c: Numbers = None, *, size: float = 9.0, **optio
     points = as_array(path, "times", "n", 2)
     ax = scatter(points[-1], c, x0=points[0], size=size, **options)
     lines = list(points.swapaxes(0, 1))
-    ax.add_collection(LineCollection(lines, colors=PATH_COLOR, lw=0.6, alpha=0.35, zorder=0))
+    ax.add_collection(LineCollection(lines, colors=style.PATH_COLOR, lw=0.6, alpha=0.35, zorder=0))
     ax.autoscale_view()
     return ax
 
@@ -138,12 +132,12 @@ def paired_source(
         return scatter(points, c, ax=ax, title=title, limit=_NOISE_LIMIT, legend=legend)
     ax = open_plane(ax, legend=legend)
     order = np.random.default_rng(0).permutation(len(points))  # no class on top of another
-    colors = condition_colors(c, len(points))[order]
+    colors = style.condition_colors(c, len(points))[order]
     across, up = points[order].T
     ax.scatter(across, up, c=colors, s=7, alpha=0.75, linewidths=0)
     if legend:
         for k in range(n_classes):
-            ax.scatter([], [], color=condition_color(k), s=7, label=f"c = {k}")
+            ax.scatter([], [], color=style.condition_color(k), s=7, label=f"c = {k}")
         legend_beside(ax, **_CLASSES)
     return finish_plane(ax, title, _NOISE_LIMIT)
 
@@ -170,15 +164,13 @@ def source_given_condition(
     points = as_array(x0, "n", 2)
     values, n_classes = read_condition(c, len(points))
     if not n_classes:
-        raise ValueError(
-            "c must be discrete: one-hot (n, K) or integers (n,); cut values into bins"
-        )
+        raise ValueError("c must be discrete: one-hot or integers; cut values into bins")
     labels = labels or [f"c = {k}" for k in range(n_classes)]
     _, axes = panels(n_classes, size=2.3, shared=True)
     for k, (ax, words) in enumerate(zip(axes, labels, strict=True)):
         rows = values == k
         ax.scatter(*points[~rows].T, color="#d0d0d0", s=3.5, linewidths=0, alpha=0.6)
-        ax.scatter(*points[rows].T, color=condition_color(k), s=7, linewidths=0, alpha=0.85)
-        ax.add_patch(Circle((0, 0), 2.0, fill=False, color=SOURCE_COLOR, lw=0.8, alpha=0.7))
+        ax.scatter(*points[rows].T, color=style.condition_color(k), s=7, linewidths=0, alpha=0.85)
+        ax.add_patch(Circle((0, 0), 2.0, fill=False, color=style.SOURCE_COLOR, lw=0.8, alpha=0.7))
         finish_plane(ax, f"{title}: {words}" if title and k == 0 else words, _NOISE_LIMIT)
     return axes

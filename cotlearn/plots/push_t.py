@@ -116,6 +116,5 @@ def _world(ax: Axes | None, title: str) -> Axes:
     ax.set(xlabel="x in pixels", ylabel="y in pixels", title=title)
     ax.set(xlim=(0, SIZE), ylim=(SIZE, 0), xticks=(0, 256, 512), yticks=(0, 256, 512))
     ax.set_aspect("equal", adjustable="box")
-    ax.grid(False)
     ax.label_outer()
     return ax

@@ -143,15 +143,13 @@ def strata_heatmap(
         if np.isfinite(value):
             shade = SOURCE_COLOR if value > np.mean(image.get_clim()) else "white"
             ax.text(j, i, f"{value:.{digits}f}", ha="center", va="center", color=shade)
-    ax.set_xticks(range(len(columns)), [str(column) for column in columns])
-    ax.set_yticks(range(len(rows)), [str(row) for row in rows])
-    ax.grid(False)
+    ax.set_xticks(range(len(columns)), columns)
+    ax.set_yticks(range(len(rows)), rows)
     ax.set(xlabel="strata", ylabel="episodes", title=title)
     return ax
 
 
 def _name_rows(ax: Axes, names: Sequence[str]) -> Axes:
     """Write the names beside the rows 0, 1, ..., from top to bottom."""
-    ax.set_yticks(range(len(names)), names)
-    ax.set_ylim(len(names) - 0.5, -0.5)
+    ax.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5))
     return ax

@@ -62,11 +62,9 @@ def frontier(
     ax.margins(x=0.12, y=0.08)
     ax.grid(True)
     ax.set(xlabel="skew of the noise (0: none)", ylabel="one-step variance", title=title)
-    texts = [(labels or {}).get(name, name) for name in names]
-    for k, name in enumerate(names):
-        if errors and name in errors:
-            texts[k] += f"\nerror {errors[name]:.2g}"
-    _place_labels(ax, x, y, texts, [look["color"] for look in looks])
+    below = {name: f"\nerror {value:.2g}" for name, value in (errors or {}).items()}
+    texts = [(labels or {}).get(name, name) + below.get(name, "") for name in names]
+    _annotate(ax, x, y, texts, [look["color"] for look in looks])
     return ax
 
 
@@ -75,13 +73,7 @@ def _low_value_high(value: float, interval: tuple[float, float]) -> list[float]:
     return [min(interval[0], value), value, max(interval[1], value)]
 
 
-def _place_labels(
-    ax: Axes,
-    x: Array,
-    y: Array,
-    texts: Sequence[str],
-    colors: Sequence[str],
-) -> None:
+def _annotate(ax: Axes, x: Array, y: Array, texts: Sequence[str], colors: Sequence[str]) -> None:
     """Write each text near its point, at the nearest of many places that covers nothing yet.
 
     x and y are (n, 3): low end, value and high end of the error bars.
@@ -101,6 +93,9 @@ def _place_labels(
         note = ax.annotate(
             texts[k],
             (x[k, 1], y[k, 1]),
+            (0, 0),
+            textcoords="offset points",
+            va="bottom",
             fontsize=8,
             color=readable(colors[k]),
             in_layout=False,
@@ -113,12 +108,8 @@ def _place_labels(
         covered = _common_area(boxes[:, None], taken).sum(axis=1)
         outside = _common_area(boxes, panel) < 0.999 * size.prod()
         best = np.argmin(_DISTANCES + 10 * covered + 10_000 * outside)
-        note.xyann = tuple(_DISTANCES[best] * _DIRECTIONS[best])
-        note.anncoords = "offset points"
-        note.set(
-            ha=("left", "center", "right")[int(2 * _SHARES[best, 0])],
-            va=("bottom", "center", "top")[int(2 * _SHARES[best, 1])],
-        )
+        note.xyann = tuple((boxes[best, :2] - at[k]) / point)
+        note.set(multialignment=("left", "center", "right")[int(2 * _SHARES[best, 0])])
         if _DISTANCES[best] > 14:
             nearest = np.clip(at[k], boxes[best, :2], boxes[best, 2:])
             line = ax.transData.inverted().transform([at[k], nearest])

@@ -7,7 +7,7 @@
 from cotlearn.report.findings import Findings, Trial, examine
 from cotlearn.report.model import FewStepModel
 from cotlearn.report.page import write_page
-from cotlearn.report.sources import Rows, from_arrays, from_episodes, read_data
+from cotlearn.report.sources import Rows, from_arrays, read_data
 
 __all__ = [
     "FewStepModel",
@@ -16,7 +16,6 @@ __all__ = [
     "Trial",
     "examine",
     "from_arrays",
-    "from_episodes",
     "read_data",
     "write_page",
 ]

@@ -26,7 +26,6 @@ NFE = (1, 2, 4, 16)
 DRAWS, TEST_ROWS = 16, 1000  #: samples for each of so many held-out conditions
 NETWORK = {"width": 128, "depth": 3}
 BATCH = 256
-Index = NDArray[np.int64]
 NEAR = 0.01  #: scores that differ by less count as equal
 
 
@@ -97,8 +96,8 @@ class Findings:
         words = {None: f"do not reach that with {NFE[-1]}", 1: "reach that with one, too"}
         late, late_error = self.gain(NFE[-1])
         ahead = best.name if late > 0 else "independent"
-        shown = abs(late) > 2 * late_error
-        cost = f"{ahead} is better by {abs(late):.2g}" if shown else "no difference shown"
+        better = f"{ahead} is better by {abs(late):.2g}"
+        cost = better if abs(late) > 2 * late_error else "no difference shown"
         return (
             f"The forecast {kept}: at one evaluation {best.name} scores {target:.3g}, "
             f"independent pairs {free.at(1):.3g}, a gain of {gain:.3g} (standard error "
@@ -108,7 +107,7 @@ class Findings:
         )
 
 
-def split(rows: Rows, *, seed: int = 0) -> tuple[Index, Index]:
+def split(rows: Rows, *, seed: int = 0) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows to train on, of three quarters of the groups, and rows held out.
 
     Raises:
@@ -122,8 +121,7 @@ def split(rows: Rows, *, seed: int = 0) -> tuple[Index, Index]:
     inside, outside = (rng.permutation(np.flatnonzero(part)) for part in (~out, out))
     if n < FEWEST or len(inside) < 200 or len(outside) < 20:
         raise ValueError(
-            f"{name} has {n} rows, {len(inside)} of them to train on: a report needs at "
-            f"least {FEWEST} and 200; fewer do not tell couplings apart"
+            f"{name} has {n} rows, {len(inside)} to train on; at least {FEWEST} and 200 are needed"
         )
     return inside[:MOST], outside[:TEST_ROWS]
 
@@ -140,7 +138,7 @@ def examine(
     """Look at the data, recommend a coupling, train it and independent pairs, score both.
 
     Args:
-        rows: of `read_data`, `from_arrays` or `from_episodes`; at least 300.
+        rows: of `read_data` or `from_arrays`; at least 300.
         steps: of each of the two trainings.
         probe_steps: as in `recommend`.
         pairs: rows of pairs that `recommend` looks at.

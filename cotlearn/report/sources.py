@@ -108,13 +108,7 @@ def from_arrays(
 
 
 def from_episodes(
-    state: ArrayLike,
-    action: ArrayLike,
-    ends: ArrayLike,
-    *,
-    observe: int = 2,
-    predict: int = 16,
-    name: str = "my episodes",
+    state: ArrayLike, action: ArrayLike, ends: ArrayLike, *, observe: int, predict: int, name: str
 ) -> Rows:
     """Recorded episodes as rows: the last states are the condition, the next actions are x1.
 

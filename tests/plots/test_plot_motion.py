@@ -9,6 +9,7 @@ import torch
 from PIL import Image
 
 from cotlearn import plots
+from cotlearn.plots.motion import Gif
 
 
 def test_animation_is_a_small_gif(cloud):
@@ -20,7 +21,7 @@ def test_animation_is_a_small_gif(cloud):
 
 
 def test_a_gif_has_an_alternative_text():
-    assert 'alt="animation"' in plots.Gif(b"")._repr_mimebundle_()["text/html"]
+    assert 'alt="animation"' in Gif(b"")._repr_mimebundle_()["text/html"]
 
 
 def test_a_film_of_pictures():

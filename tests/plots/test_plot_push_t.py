@@ -7,6 +7,7 @@ import pytest
 from matplotlib.patches import Circle
 
 from cotlearn import plots
+from cotlearn.plots.push_t import push_t_state
 from cotlearn.robots.push_t import GOAL, corners
 from cotlearn.robots.push_t.task import AGENT_RADIUS
 
@@ -15,7 +16,7 @@ STATES = np.linspace(STATE, [200, 250, *GOAL], 9)
 
 
 def test_a_state_shows_goal_tee_and_agent_where_they_are():
-    ax = plots.push_t_state(STATE, title="start")
+    ax = push_t_state(STATE, title="start")
     goal, tee, agent = ax.patches
     assert np.allclose(goal.get_xy()[:-1], corners(np.array(GOAL)))
     assert np.allclose(tee.get_xy()[:-1], corners(STATE[2:]))
@@ -58,4 +59,4 @@ def test_the_animation_is_small_and_ends_at_the_last_state():
 
 def test_a_shape_that_is_none_of_push_t_is_refused():
     with pytest.raises(ValueError, match=r"shape \(5\), got \(4,\)"):
-        plots.push_t_state([1, 2, 3, 4])
+        push_t_state([1, 2, 3, 4])

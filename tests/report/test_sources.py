@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from cotlearn.report import from_arrays, from_episodes, read_data
+from cotlearn.report import from_arrays, read_data
+from cotlearn.report.sources import from_episodes
 
 
 def numbers(*shape, seed=0):
@@ -53,7 +54,7 @@ def test_an_npz_with_groups(tmp_path):
 
 
 def test_windows_of_episodes():
-    rows = from_episodes(*episodes(), observe=2, predict=3)
+    rows = from_episodes(*episodes(), observe=2, predict=3, name="mine")
     assert rows.data.x1.shape == (9, 3)
     assert rows.data.c.shape == (9, 4)
     assert rows.data.c[0].tolist() == [0, 0, 0, 0]  # the first state is repeated
@@ -139,4 +140,4 @@ def test_an_npz_that_does_not_fit(arrays, error, message, tmp_path):
 @pytest.mark.parametrize("ends", [[4, 4, 9], [5, 8], [], [5.0, 9.0]])
 def test_ends_that_do_not_rise(ends):
     with pytest.raises(ValueError, match="ends must rise to the number of rows 9"):
-        from_episodes(*episodes()[:2], ends)
+        from_episodes(*episodes()[:2], ends, observe=2, predict=3, name="mine")
