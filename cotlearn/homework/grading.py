@@ -45,7 +45,7 @@ def grade(
     *,
     masters: Path | None = None,
     workers: int | None = None,
-    limits: Limits | None = None,
+    limits: Limits,
     each: Callable[[Row, int, int], None] | None = None,
 ) -> list[Row]:
     """Grades all notebooks in a folder and its subfolders.
@@ -78,7 +78,6 @@ def grade(
     ]
     if not paths:
         raise ValueError(f"there is no notebook (*.ipynb) in {folder}")
-    limits = limits or Limits()
     tests = (hashlib.sha256(path.read_bytes()).hexdigest() for path in assignments.masters(masters))
     salt = json.dumps([cotlearn.__version__, *map(float, astuple(limits)), *tests])
 

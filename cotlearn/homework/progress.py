@@ -37,10 +37,7 @@ def read() -> dict[str, dict[str, str]]:
     """Returns {exercise: {"verdict": ..., "when": ...}}; empty if nothing can be read."""
     try:
         stored = json.loads(file().read_text(encoding="utf-8"))["exercises"]
-        return {
-            str(name): {"verdict": item["verdict"], "when": item["when"]}
-            for name, item in stored.items()
-        }
+        return {name: {k: item[k] for k in ("verdict", "when")} for name, item in stored.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}
 

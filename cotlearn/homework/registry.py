@@ -246,11 +246,8 @@ def said(error: BaseException) -> str:
 @contextmanager
 def _time_limit(seconds: float) -> Iterator[None]:
     """Raises `Stopped` after `seconds`, where the system can (main thread, not Windows)."""
-    if (
-        math.isinf(seconds)
-        or not hasattr(signal, "setitimer")
-        or (threading.current_thread() is not threading.main_thread())
-    ):
+    able = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
+    if math.isinf(seconds) or not able:
         yield
         return
 

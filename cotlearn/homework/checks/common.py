@@ -105,14 +105,13 @@ def _returned(answer: Any, case: Case, calls: list[Any]) -> Any:
     """The result of an answer; `calls` gets the arguments that it gives to a counted velocity."""
     if case.given is None:
         return answer
-    expect_function(answer)
     given = copy.deepcopy(case.given)
 
     def counted(*args: Any) -> Any:
         calls.append(args)
         return given[0](*args)
 
-    result = answer(*given) if case.nfe is None else answer(counted, *given[1:])
+    result = call(answer, *(given if case.nfe is None else (counted, *given[1:])))
     if case.unchanged and not all(map(same, given, case.given)):
         raise NotYet("your function changed its inputs; index them, which makes copies")
     return result
@@ -141,10 +140,11 @@ def _like(case: Case, value: Any) -> Any:
     return reader(value, tuple(case.right.shape), case.what)
 
 
-def expect_function(answer: Any) -> None:
-    """Raises `NotYet` unless the answer can be called."""
+def call(answer: Any, *given: Any, **options: Any) -> Any:
+    """What a learner's function returns, or `NotYet` if the answer is no function."""
     if not callable(answer):
         raise NotYet(f"expected a function, got {type(answer).__name__}")
+    return answer(*given, **options)
 
 
 def tensor(value: Any, shape: tuple[int, ...], what: str) -> Tensor:
@@ -186,15 +186,12 @@ def one_of_two(index: int, shape: tuple[int, ...], what: str, hint: str) -> Call
 
 def permutation(value: Any, n: int, hint: str) -> Tensor:
     """Returns the value as the integers 0 to n - 1 in some order; `hint` if one comes twice."""
-    try:
-        p = torch.as_tensor(value)
-    except (TypeError, ValueError, RuntimeError):
-        raise NotYet(f"return {n} integers, got {type(value).__name__}") from None
-    if p.is_floating_point() or p.dtype == torch.bool or tuple(p.shape) != (n,):
-        raise NotYet(f"return integers of shape ({n},), got {p.dtype} of shape {tuple(p.shape)}")
+    p = np.asarray(value)
+    if p.dtype.kind not in "iu" or p.shape != (n,):
+        raise NotYet(f"return integers of shape ({n},), got {p.dtype} of shape {p.shape}")
     if sorted(p.tolist()) != list(range(n)):
         raise NotYet(f"{p.tolist()} is not a permutation: {hint}")
-    return p.long()
+    return torch.from_numpy(p.astype(np.int64))
 
 
 def number(value: Any) -> float:

@@ -5,15 +5,7 @@ from typing import Any
 import torch
 from torch import Generator, Tensor
 
-from cotlearn.homework.checks.common import (
-    Case,
-    Cases,
-    cheapest,
-    expect_function,
-    same,
-    table,
-    tensor,
-)
+from cotlearn.homework.checks.common import Case, Cases, call, cheapest, same, table, tensor
 from cotlearn.homework.checks.nb03 import costs
 from cotlearn.homework.registry import NotYet, exercise
 from cotlearn.metrics import squared_w2
@@ -31,7 +23,6 @@ def cost(g: Generator) -> Cases:
 @exercise("hw2.pair")
 def pair(answer: Any, seed: int = 0) -> None:
     """Conditional OT on a batch: a permutation of the rows, labels kept, c0 shuffled."""
-    expect_function(answer)
     n, classes = 48, 3
     g = torch.Generator().manual_seed(seed)
     label = torch.randperm(n, generator=g) % classes
@@ -63,11 +54,13 @@ def _pairs(
 ) -> tuple[Tensor, Tensor]:
     """The rows of x0 and of x1 that an answer puts together."""
     n = len(x0)
-    found = answer(x0.clone(), x1.clone(), c.clone(), weight, torch.Generator().manual_seed(seed))
+    parts = (x0, x1, c)
+    own = (part.clone() for part in parts)
+    found = call(answer, *own, weight, torch.Generator().manual_seed(seed))
     if not isinstance(found, tuple | list) or len(found) != 3:
         raise NotYet("return three things: x0, x1 and c, with rows that belong together")
-    parts = zip(found, (x0, x1, c), ("x0", "x1", "c"), strict=True)
-    a, b, k = (tensor(part, tuple(like.shape), name) for part, like, name in parts)
+    named = zip(found, parts, ("x0", "x1", "c"), strict=True)
+    a, b, k = (tensor(part, tuple(like.shape), name) for part, like, name in named)
     source, target = _rows(a, x0), _rows(b, x1)
     if (source < 0).any() or (target < 0).any():
         raise NotYet("the rows of x0 and x1 must stay as they are; only their order changes")

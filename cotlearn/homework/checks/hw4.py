@@ -130,8 +130,7 @@ def choose(g: Generator) -> Cases:
     for _ in range(4):
         values = np.array([10.0, 12.0, 60.0, 90.0, 45.0]) + rng.uniform(0, 5, 5)
         wrong = {
-            "the clearest chunk is not what the policy would do: the first that is clear enough "
-            "keeps its distribution": 3,
+            "the clearest chunk is not what the policy would do: take the first clear enough": 3,
             close: lambda found: found in (0, 1),
             "return the place of the chunk, not its clearance": values.__contains__,
         }

@@ -48,8 +48,7 @@ def _pairing(x0: torch.Tensor, x1: torch.Tensor) -> Case:
         "this is the inverse: p[i] is the data point of noise point i": best.argsort(),
         "this is the most expensive pairing, not the cheapest": cheapest(-cost),
         "you minimised distances; the cost is the squared distance": cheapest(cost.sqrt()),
-        "taking the nearest free point, one after the other, is greedy: early pairs take partners "
-        "that later ones need more": _greedy(cost),
+        "the nearest free point, one by one, is greedy: later pairs may need it": _greedy(cost),
     }
     return Case((x0, x1), best, wrong, otherwise, read=read)
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from cotlearn.homework.checks.common import Array, Case, Cases, expect_function, table
+from cotlearn.homework.checks.common import Array, Case, Cases, call, table
 from cotlearn.homework.registry import NotYet
 
 
@@ -15,15 +15,13 @@ def verdict() -> Cases:
     low = np.array([-0.01, -0.05, -0.06, -0.015, 0.01, -0.03, -0.30, 0.005, -0.04])
     high = np.array([0.02, 0.01, -0.03, -0.005, 0.03, -0.01, 0.25, 0.012, -0.01])
     margin = np.array([0.02] * 8 + [0.05])
-    cases = list(zip(low.tolist(), high.tolist(), margin.tolist(), strict=True))
+    cases = np.column_stack([low, high, margin]).tolist()
 
     def words(low: Array, high: Array, margin: Array | float) -> list[str]:
-        rest = np.where(high < -margin, "refuted", "open")
-        return [str(word) for word in np.where(low > -margin, "shown", rest)]
+        return np.select([low > -margin, high < -margin], ["shown", "refuted"], "open").tolist()
 
     def read(answer: Any) -> list[str]:
-        expect_function(answer)
-        said = [answer(*case) for case in cases]
+        said = [call(answer, *case) for case in cases]
         for word in said:
             if word not in ("shown", "refuted", "open"):
                 raise NotYet(f"return one of the words 'shown', 'refuted' and 'open', got {word!r}")
@@ -79,9 +77,7 @@ def chosen(*rows: tuple[str, float, bool, float]) -> Case:
         return Case((points,), least, wrong, hint)
     first = min(points, key=lambda point: point.one_step_variance).name
     wrong["that point is flagged: leave out those with significant skew first"] = first
-    wrong[
-        "among points without a flag the differences of skew are chance: it is the smallest "
-        "one-step variance that counts, not the skew"
-    ] = least
+    chance = "differences without a flag are chance: the one-step variance counts, not the skew"
+    wrong[chance] = least
     right = min(clean, key=lambda point: point.one_step_variance).name
     return Case((points,), right, wrong)

@@ -52,5 +52,4 @@ def between_share() -> Cases:
 
 def _damped(jacobian: Array, error: Array, damping: float) -> Array:
     square = jacobian @ jacobian.T + damping * np.eye(len(jacobian))
-    result: Array = jacobian.T @ np.linalg.solve(square, error)
-    return result
+    return np.asarray(jacobian.T @ np.linalg.solve(square, error))
