@@ -11,7 +11,13 @@ from torch import Tensor, nn
 
 from cotlearn.couplings.assignment import exact_permutation, sinkhorn_plan
 from cotlearn.couplings.base import Array, Coupling, Index, Match, near_rows, squared_distances
-from cotlearn.validation import check_choice, check_count, check_number
+from cotlearn.validation import (
+    check_choice,
+    check_count,
+    check_number,
+    check_positive,
+    check_share,
+)
 
 VARIANTS = ("weighted", "topk", "full")
 LIMIT = 64  #: rows of a "full" batch with continuous conditions: B^2 evaluations
@@ -62,13 +68,11 @@ class ModelAligned(Coupling):
 
     def __post_init__(self) -> None:
         check_choice(self.variant, "variant", VARIANTS)
-        if not 0 < check_number(self.fraction, "fraction") <= 1:
-            raise ValueError(f"fraction must be above 0 and at most 1, got {self.fraction}")
+        check_positive(check_share(self.fraction, "fraction"), "fraction")
         check_number(self.boost, "boost")
         check_count(self.warmup_steps, "warmup_steps", minimum=0)
-        first, last = self.regularization
-        if min(check_number(r, "regularization") for r in (first, last)) == 0:
-            raise ValueError(f"regularization must be above 0, got {self.regularization}")
+        for value in self.regularization:
+            check_positive(value, "regularization")
         if check_number(self.condition_weight, "condition_weight") and self.variant != "full":
             raise ValueError("condition_weight is for variant 'full': the others pair i with i")
         self.needs_condition = self.condition_weight > 0

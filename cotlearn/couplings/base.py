@@ -213,7 +213,7 @@ class Coupling(WithOptions):
         check_count(start, "start", minimum=0)
         seed = torch.initial_seed() if generator is None else generator.initial_seed()
         epoch = self.epoch_rows(data)
-        self.prepare(data, source, seed)
+        self.prepare(data, source, generator_for(seed, 0, purpose=3))
         rows, solves = epoch or ot_batch_size, -(-batch_size // epoch) if epoch else 1
         number, first = divmod(start, solves * rows // batch_size)
         while True:
@@ -226,7 +226,7 @@ class Coupling(WithOptions):
                 yield pairs.map(itemgetter(slice(k * batch_size, (k + 1) * batch_size)))
             number, first = number + 1, 0
 
-    def prepare(self, data: Any, source: Source | None, seed: int) -> None:
+    def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """See the data of a stream before its first batch, to fit clusters or potentials."""
 
     def epoch_rows(self, data: Any) -> int:
@@ -269,6 +269,14 @@ class Coupling(WithOptions):
         elif self.needs_condition:
             raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
 
+    def _check_finite(self, data: Any) -> None:
+        """Raise TypeError unless the data have `x1`, `c` and a length."""
+        if not all(hasattr(data, name) for name in ("x1", "c", "__len__")):
+            raise TypeError(
+                f"{type(self).__name__} looks at all the data, and these are endless (no x1, c and "
+                "len): give a Dataset of rows drawn from them, or to StratifiedOT n_samples="
+            )
+
 
 class Batches(Coupling):
     """Pairs that are made already, batch by batch."""
@@ -296,15 +304,6 @@ class Last:
         if not (same and all(a is b for a, b in zip(tensors, self.tensors, strict=True))):
             self.tensors, self.value = tensors, function(*tensors)
         return self.value
-
-
-def check_finite(data: Any, coupling: Coupling) -> None:
-    """Raise TypeError unless the data have `x1`, `c` and a length."""
-    if not all(hasattr(data, name) for name in ("x1", "c", "__len__")):
-        raise TypeError(
-            f"{type(coupling).__name__} looks at all the data, and these are endless (no x1, c and "
-            "len): give a Dataset of rows drawn from them, or to StratifiedOT n_samples="
-        )
 
 
 def check_like(value: Any, name: str, x: Tensor) -> Tensor:

@@ -13,15 +13,7 @@ import torch
 from torch import Tensor
 
 from cotlearn.couplings.assignment import exact_permutation
-from cotlearn.couplings.base import (
-    Array,
-    Coupling,
-    Index,
-    Match,
-    near_rows,
-    squared_distances,
-    to_numpy,
-)
+from cotlearn.couplings.base import Array, Coupling, Index, Match, near_rows, squared_distances
 from cotlearn.validation import check_choice, check_condition, check_number, check_same_rows
 
 LABELS = ("target", "source")
@@ -165,7 +157,7 @@ def _within_classes(
     sample_cost: Array, c: Tensor, noise_condition_index: Index, rng: np.random.Generator
 ) -> tuple[Index, Index]:
     """w = infinity: one plan for each distinct condition."""
-    label = np.unique(to_numpy(c), axis=0, return_inverse=True)[1].ravel()
+    label = torch.unique(c, dim=0, return_inverse=True)[1].cpu().numpy()
     sources, targets = [], []
     for k in range(label.max() + 1):
         rows = np.flatnonzero(label[noise_condition_index] == k)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from cotlearn.couplings.assignment import draw_pairs, exact_permutation, sinkhorn_plan
 from cotlearn.couplings.base import Coupling, Match, squared_distances
-from cotlearn.validation import check_choice, check_number
+from cotlearn.validation import check_choice, check_positive
 
 PLANS = ("exact", "sinkhorn")
 SAMPLINGS = ("permutation", "replacement")
@@ -43,9 +43,7 @@ class MinibatchOT(Coupling):
     def __post_init__(self) -> None:
         check_choice(self.plan, "plan", PLANS)
         check_choice(self.sampling, "sampling", SAMPLINGS)
-        self.regularization = check_number(self.regularization, "regularization")
-        if self.regularization == 0:
-            raise ValueError("regularization must be above 0; for 0 use plan='exact'")
+        self.regularization = check_positive(self.regularization, "regularization")
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Pair the batch by its plan."""

@@ -61,7 +61,7 @@ class FixedPairs(Independent):
     whole_data = True
     transformable = False
 
-    def prepare(self, data: Any, source: Source | None, seed: int) -> None:
+    def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """Raise ValueError unless noise and data have the same number of rows."""
         check_same_rows(self.x0, "x0", data.x1, "x1 of the data")
 

@@ -11,16 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import (
-    Coupling,
-    Match,
-    Pairs,
-    Source,
-    check_finite,
-    draw_noise,
-    generator_for,
-    squared_distances,
-)
+from cotlearn.couplings.base import Coupling, Match, Pairs, Source, draw_noise, generator_for
 from cotlearn.couplings.conditional import warn_if_imprecise
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.progress import progress_bar
@@ -148,7 +139,8 @@ class SemidiscreteOT(Coupling):
         sizes = torch.tensor([float(len(group)) for group in self._points.groups])
         rng, c = generator_for(0, 0, purpose=9), self._points.scaled_c
         some = c[torch.randperm(len(c), generator=rng)[:512]]
-        near = torch.cdist(some, some).square() <= squared_distances(x0, x1).mean()
+        mean = torch.cdist(x0.double(), x1.double()).square().mean()
+        near = torch.cdist(some, some).square() <= mean.cpu()
         return float((sizes**2).sum() / sizes.sum() * near.double().mean())
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
@@ -163,9 +155,9 @@ class SemidiscreteOT(Coupling):
         chosen = points.search(x0.to("cpu", torch.float32), rows)
         return Match(rows.numpy(), chosen.numpy())
 
-    def prepare(self, data: Any, source: Source | None, seed: int) -> None:
+    def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """Fit the potential, unless it is fitted to these data and this noise."""
-        check_finite(data, self)
+        self._check_finite(data)
         fitted = self._points is not None and self._points.are(data.x1, data.c)
         if not fitted or self._source not in ((), (source,)):
             self.fit(data.x1, data.c, source=source)

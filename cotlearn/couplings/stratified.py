@@ -12,21 +12,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from cotlearn.couplings.assignment import exact_permutation
-from cotlearn.couplings.base import (
-    Coupling,
-    Index,
-    Last,
-    Match,
-    Source,
-    check_finite,
-    generator_for,
-    squared_distances,
-    to_numpy,
-)
+from cotlearn.couplings.base import Coupling, Last, Match, Source, squared_distances, to_numpy
 from cotlearn.couplings.conditions import Clusters, KMeansCondition
 from cotlearn.validation import check_count
 
-Values = NDArray[Any]
+Array = NDArray[Any]
 
 LARGEST_SOLVE = 4096  #: an exact assignment of so many rows takes seconds and 0.3 GB
 
@@ -96,11 +86,11 @@ class StratifiedOT(Coupling):
         solved = sizes / np.ceil(sizes / self.rows_per_solve)
         return float(np.average(solved, weights=sizes))
 
-    def prepare(self, data: Any, source: Source | None, seed: int) -> None:
+    def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """Fit the clusters on the training conditions; those that came fitted are kept."""
         if self.clusters is None or (self.clusters.state_dict() and not self._refit):
             return
-        _, c = self.draw(data, self.n_samples or 0, generator_for(seed, 0, purpose=3))
+        _, c = self.draw(data, self.n_samples or 0, generator)
         if c is not None:  # else the first batch raises
             self.clusters.fit(c)
             self._last = Last()
@@ -108,7 +98,7 @@ class StratifiedOT(Coupling):
     def epoch_rows(self, data: Any) -> int:
         """Rows that are paired at once: the data set, or n_samples."""
         if self.n_samples is None:
-            check_finite(data, self)
+            self._check_finite(data)
         return self.n_samples or len(data)
 
     def draw(self, data: Any, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor | None]:
@@ -117,7 +107,7 @@ class StratifiedOT(Coupling):
             return data.x1, data.c
         return super().draw(data, n, generator)
 
-    def _clustered(self, x1: Tensor, c: Tensor) -> tuple[Index, Tensor]:
+    def _clustered(self, x1: Tensor, c: Tensor) -> tuple[Array, Tensor]:
         """The cluster of each row, (N,), and what is paired: x1, or its residuals, (N, d)."""
         if self.clusters is None:
             label = torch.unique(c, dim=0, return_inverse=True)[1]
@@ -134,7 +124,7 @@ class StratifiedOT(Coupling):
             left[rows] = residuals(values[rows], conditions[rows])
         return numbers, torch.from_numpy(left).to(x1)
 
-    def _solves(self, label: Index, rng: np.random.Generator) -> Iterator[Index]:
+    def _solves(self, label: Array, rng: np.random.Generator) -> Iterator[Array]:
         """The rows of each assignment: clusters, the large ones cut up evenly at random."""
         for rows in _groups(rng.permutation(len(label)), label):
             yield from np.array_split(rows, -(-len(rows) // self.rows_per_solve))
@@ -150,13 +140,13 @@ class StratifiedOT(Coupling):
             self._refit, self._last = False, Last()
 
 
-def _groups(rows: Index, label: Index) -> list[Index]:
+def _groups(rows: Array, label: Array) -> list[Array]:
     """The rows of each label, in the order in which they are given."""
     by_label = rows[np.argsort(label[rows], kind="stable")]
     return np.split(by_label, np.flatnonzero(np.diff(label[by_label])) + 1)
 
 
-def residuals(y: Values, z: Values) -> Values:
+def residuals(y: Array, z: Array) -> Array:
     """Residuals (n, d) of a linear regression of values y (n, d) on conditions z (n, k).
 
     With an intercept, each condition scaled to unit variance, and a ridge of 1, which is little

@@ -8,16 +8,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cotlearn import metrics
 from cotlearn.couplings.base import Coupling, Sampler, generator_for
 from cotlearn.flows.matching import Velocity
 from cotlearn.flows.solvers import integrate, sampler
-from cotlearn.metrics import (
-    ConditionalData,
-    ConditionalSampler,
-    bootstrap_interval,
-    conditional_squared_w2,
-    joint_squared_w2,
-)
 from cotlearn.validation import check_count
 
 
@@ -78,10 +72,11 @@ def deployment_gap(
             truth = data.sample_given(pairs.c, generator=generator_for(seed, number, purpose=12))
         for k, x0 in enumerate((pairs.x0, pairs.x0[shuffle])):
             made = integrate(network, x0, pairs.c, nfe=nfe).x1
-            errors[number, k] = joint_squared_w2(made, truth, pairs.c)
+            errors[number, k] = metrics.joint_squared_w2(made, truth, pairs.c)
     coupled, fresh = (float(mean) for mean in errors.mean(axis=0))
     gaps = errors[:, 1] - errors[:, 0]
-    return DeploymentGap(coupled, fresh, float(gaps.mean()), bootstrap_interval(gaps, seed=seed))
+    interval = metrics.bootstrap_interval(gaps, seed=seed)
+    return DeploymentGap(coupled, fresh, float(gaps.mean()), interval)
 
 
 @dataclass(frozen=True)
@@ -109,7 +104,7 @@ class ErrorBudget:
 
 def error_budget(
     network: Velocity,
-    data: ConditionalData,
+    data: metrics.ConditionalData,
     oracle: Velocity,
     *,
     nfe: int,
@@ -137,9 +132,11 @@ def error_budget(
     check_count(fine, "fine")
     size = getattr(network, "dim", None) if dim is None else dim
 
-    def error(sample: ConditionalSampler) -> float:
+    def error(sample: metrics.ConditionalSampler) -> float:
         rng = torch.Generator().manual_seed(seed)
-        return conditional_squared_w2(sample, data, conditions=conditions, n=n, generator=rng)
+        return metrics.conditional_squared_w2(
+            sample, data, conditions=conditions, n=n, generator=rng
+        )
 
     floor = error(data.sample_given)
     exact, coarse = (error(sampler(oracle, nfe=steps, dim=size)) for steps in (fine, nfe))

@@ -17,17 +17,9 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Coupling, Pairs, generator_for, to_numpy
 from cotlearn.datasets import Dataset
+from cotlearn.diagnostics import skew
 from cotlearn.diagnostics.probe import one_step_scores
-from cotlearn.diagnostics.skew import (
-    MINIMUM_ROWS,
-    SIGNIFICANCE,
-    LinearSkew,
-    check_conditioned,
-    enough_rows,
-    linear_skew,
-    prior_skew,
-    unit_variance,
-)
+from cotlearn.diagnostics.skew import LinearSkew
 from cotlearn.diagnostics.spread import local_variance
 from cotlearn.metrics import bootstrap_interval, joint_squared_w2
 from cotlearn.progress import progress_bar
@@ -132,13 +124,13 @@ def frontier(
         seed: of everything.
         progress: show a bar; None: in terminals and notebooks.
     """
-    c = check_conditioned(x1, "x1", c)
+    c = skew.check_conditioned(x1, "x1", c)
     if len(x1) < FEWEST:
         raise ValueError(f"x1 needs at least {FEWEST} rows for a frontier, got {len(x1)}")
     if not couplings:
         raise ValueError("couplings is empty: give at least one name and coupling")
     check_count(batch_size, "batch_size", minimum=2)
-    check_count(rows, "rows", minimum=MINIMUM_ROWS)
+    check_count(rows, "rows", minimum=skew.MINIMUM_ROWS)
     check_count(repetitions, "repetitions", minimum=2)
     check_count(probe_steps, "probe_steps", minimum=0)
     held_out = torch.randperm(len(x1), generator=generator_for(seed, 0)) < len(x1) // 4
@@ -151,19 +143,13 @@ def frontier(
             drawn = [_draw(coupling, train, batch_size, rows, one) for one in seeds]
             draws, seconds = zip(*drawn, strict=True)
             batch = draws[0].map(lambda value: value[:batch_size])
-            point = _point(
-                draws,
-                test,
-                seed,
-                name=name,
-                coupling=coupling.name,
-                seconds=1000 * float(np.mean(seconds)),
-                candidates=coupling.candidates(batch.x0, batch.x1, batch.c),
-            )
+            known: dict[str, Any] = {"name": name, "coupling": coupling.name}
+            known["seconds"] = 1000 * float(np.mean(seconds))
+            known["candidates"] = coupling.candidates(batch.x0, batch.x1, batch.c)
             if probe_steps:
-                scores = one_step_scores(Pairs.cat(draws), test, steps=probe_steps, seed=seed)
-                point = replace(point, scores=scores)
-            points.append(point)
+                all_pairs = Pairs.cat(draws)
+                known["scores"] = one_step_scores(all_pairs, test, steps=probe_steps, seed=seed)
+            points.append(_point(draws, test, seed, **known))
             bar.update()
     return Frontier(tuple(points))
 
@@ -178,18 +164,13 @@ def _draw(
     generator = torch.Generator().manual_seed(seed)
     stream = coupling.stream(data, batch_size=batch_size, generator=generator)
     next(stream)  # fits clusters and potentials, once
-
-    def take(batches: int) -> tuple[list[Pairs], float]:
-        started = time.perf_counter()
-        parts = [next(stream) for _ in range(batches)]
-        return parts, (time.perf_counter() - started) / max(1, batches * batch_size)
-
-    parts, seconds = take(max(1, math.ceil(rows / batch_size)))
-    epoch = coupling.epoch_rows(data) // batch_size
-    if epoch:  # pairs are solved for a whole epoch at its first batch: time a whole one
-        take(-(1 + len(parts)) % epoch)
-        _, seconds = take(epoch)
-    pairs = Pairs.cat(parts)
+    wanted = math.ceil(rows / batch_size)
+    epoch = max(1, coupling.epoch_rows(data) // batch_size)
+    batches = math.ceil(wanted / epoch) * epoch  # whole epochs: each is paired at one batch
+    started = time.perf_counter()
+    parts = [next(stream) for _ in range(batches)]
+    seconds = (time.perf_counter() - started) / (batches * batch_size)
+    pairs = Pairs.cat(parts[:wanted])
     if pairs.weight is not None:
         luck = torch.rand(len(pairs), generator=generator_for(seed, 0, purpose=11))
         kept = luck < pairs.weight / pairs.weight.max()
@@ -200,24 +181,24 @@ def _draw(
 def _point(draws: Any, test: Dataset, seed: int, **known: Any) -> FrontierPoint:
     """What several draws of pairs say about a coupling, beside what is known of it."""
     skews = [
-        prior_skew(pairs.x0, pairs.c, generator=generator_for(seed, number, purpose=7))
+        skew.prior_skew(pairs.x0, pairs.c, generator=generator_for(seed, number, purpose=7))
         for number, pairs in enumerate(draws)
     ]
-    statistics = np.array([skew.statistic for skew in skews])
+    statistics = np.array([found.statistic for found in skews])
     middle = float(statistics.mean())
     reach = float(stats.t.ppf(0.975, len(skews) - 1) * stats.sem(statistics))
     pairs: Any = draws[0]
-    pool: Any = Pairs.cat(draws)
+    pool = torch.cat([p.x0 for p in draws]), torch.cat([p.c for p in draws])
     variance = local_variance(_places(pairs, pairs.x0, pairs.c), to_numpy(pairs.x1), NEIGHBOURS)
     return FrontierPoint(
         skew=middle,
         skew_interval=(middle - reach, middle + reach),
-        flagged=float(np.median([skew.p_value for skew in skews])) <= SIGNIFICANCE,
+        flagged=float(np.median([found.p_value for found in skews])) <= skew.SIGNIFICANCE,
         one_step_variance=float(variance.mean()),
         one_step_variance_interval=bootstrap_interval(variance, seed=seed, resamples=RESAMPLES),
         one_step_error=float(np.mean([one_step_error(p, test, seed) for p in draws])),
         transport_cost=float((pairs.x1 - pairs.x0).square().sum(dim=1).mean()),
-        linear_skew=linear_skew(pool.x0, pool.c) if enough_rows(pool.x0, pool.c) else None,
+        linear_skew=skew.linear_skew(*pool) if skew.enough_rows(*pool) else None,
         **known,
     )
 
@@ -225,7 +206,7 @@ def _point(draws: Any, test: Dataset, seed: int, **known: Any) -> FrontierPoint:
 def _places(pairs: Any, x0: Tensor, c: Tensor) -> NDArray[np.float64]:
     """Rows (x0, c), noise and condition scaled to the same variance among the pairs."""
     given = ((x0, pairs.x0), (c, pairs.c))
-    return np.hstack([unit_variance(to_numpy(new), to_numpy(old)) for new, old in given])
+    return np.hstack([skew.unit_variance(to_numpy(new), to_numpy(old)) for new, old in given])
 
 
 def one_step_error(pairs: Any, test: Any, seed: int = 0) -> float:

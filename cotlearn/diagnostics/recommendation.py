@@ -75,13 +75,8 @@ def recommend(
     c = check_conditioned(x1, "x1", c)
     check_count(probe_steps, "probe_steps")
     couplings = candidates(x1, c)
-    options: Any = {
-        "batch_size": batch_size,
-        "rows": rows,
-        "probe_steps": probe_steps,
-        "seed": seed,
-    }
-    found = frontier(x1, c, couplings, **options, progress=progress)
+    options: Any = {"batch_size": batch_size, "rows": rows, "probe_steps": probe_steps}
+    found = frontier(x1, c, couplings, **options, seed=seed, progress=progress)
     spread = between_within(x1, c, seed=seed)
     best, reason = _choose(found, spread)
     return Recommendation(best.name, couplings[best.name], reason, found, spread)

@@ -1,5 +1,6 @@
 """What is recommended, and that it is never a skewed coupling."""
 
+import importlib
 from dataclasses import replace
 
 import pytest
@@ -12,11 +13,21 @@ from cotlearn.diagnostics.recommendation import beyond_chance, gain_over
 from cotlearn.flows import VelocityMLP, fit
 
 
+FRONTIER = importlib.import_module("cotlearn.diagnostics.frontier")
+ONE_STEP_ERROR = FRONTIER.one_step_error
+
+
 @pytest.fixture(scope="module", autouse=True)
-def few_relabellings():
-    """The least that can flag at .01: a test of skew is five times as quick."""
+def quick():
+    """What takes the time and decides nothing here, the least of it: see `test_frontier.py`.
+
+    99 relabellings are the least that can flag at .01; no advice looks at the one-step error or at
+    the interval of the one-step variance.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(skew, "RELABELLINGS", 99)
+        patch.setattr(FRONTIER, "RESAMPLES", 2)
+        patch.setattr(FRONTIER, "one_step_error", lambda *_: 0.0)
         yield
 
 
@@ -94,8 +105,9 @@ def test_it_is_said_when_the_condition_explains_a_part_of_the_noise():
     assert not chosen.frontier["independent"].linear_skew.flagged
 
 
-def test_in_many_dimensions_the_probe_sees_what_neighbours_cannot():
+def test_in_many_dimensions_the_probe_sees_what_neighbours_cannot(monkeypatch):
     """Two modes in 30 columns of noise."""
+    monkeypatch.setattr(FRONTIER, "one_step_error", ONE_STEP_ERROR)
     sign = (2 * torch.randint(2, (1200, 1), generator=seeded()) - 1).float()
     x1 = torch.randn(1200, 30, generator=seeded(1))
     x1[:, :3] = 3 * sign + 0.3 * x1[:, :3]
