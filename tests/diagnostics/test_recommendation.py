@@ -12,7 +12,6 @@ from cotlearn.diagnostics import frontier, recommend, skew
 from cotlearn.diagnostics.recommendation import beyond_chance, gain_over
 from cotlearn.flows import VelocityMLP, fit
 
-
 FRONTIER = importlib.import_module("cotlearn.diagnostics.frontier")
 ONE_STEP_ERROR = FRONTIER.one_step_error
 
