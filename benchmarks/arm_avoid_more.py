@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 from cells import opened
 
-from cotlearn.policies.comparison import held_out_score, with_choice
+from cotlearn.policies.comparison.choice import with_choice
+from cotlearn.policies.comparison.scores import held_out_score
 from cotlearn.policies.rollout import FRESH, rollout
 from cotlearn.policies.samplers import FlowSampler
 from cotlearn.policies.settings import SETTINGS

@@ -15,6 +15,7 @@ writes data/results/pixel_conditions.json. An interrupted run goes on.
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from torch import Tensor
 
 from cotlearn.assets import find_data
 from cotlearn.couplings import Coupling, EmbeddedClusters, KMeansCondition, Transformed
-from cotlearn.policies.camera import CameraNetwork, SeenFromT
+from cotlearn.policies.camera import CameraNetwork, turned_with_t
 from cotlearn.policies.methods import Method, find_method
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.settings import SETTINGS
@@ -74,11 +75,11 @@ def method_of(key: dict[str, Any], options: Options, training: Episodes) -> Meth
         clusters = EmbeddedClusters(view, KMeansCondition(options.clusters))
         clusters.fit(windows.dataset(training, label=options.label).c)
         method = replace(method, pictures=None)
-    turn = SeenFromT(camera)
+    turns = [partial(turned_with_t, camera=camera, sign=sign) for sign in (-1, 1)]
 
     def coupling(options: Options, pictures: EmbeddedClusters | None) -> Coupling:
         made = find_method(key["method"]).coupling(options, clusters or pictures)
-        return Transformed(made, turn.to_frame, turn.from_frame) if key["frame"] == "T" else made
+        return Transformed(made, *turns) if key["frame"] == "T" else made
 
     return replace(method, coupling=coupling)
 

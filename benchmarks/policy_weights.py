@@ -46,10 +46,10 @@ def main(setting: str, methods: tuple[str, ...]) -> None:
         ship_strata(setting, BUILD / name / f"stratified-{SEED}.safetensors")
     for method in methods:
         trained = BUILD / name / f"{method}-{SEED}.safetensors"
-        policy, about = ChunkPolicy.load_with_metadata(trained)
+        policy = ChunkPolicy.load(trained)
         shipped = data_folder() / "weights" / f"{name}_{method}.safetensors"
-        record = {"coupling": method, "seed": SEED, "protocol": about["protocol"]}
-        policy.save(shipped, half=True, metadata=record)
+        policy.about = {"coupling": method, "seed": SEED, "protocol": policy.about["protocol"]}
+        policy.save(shipped, half=True)
         rounded = ChunkPolicy.load(shipped)
         print(f"{shipped.name}: {shipped.stat().st_size / 1e6:.2f} MB")
         for nfe in (1, 2):
@@ -58,8 +58,8 @@ def main(setting: str, methods: tuple[str, ...]) -> None:
 
 def ship_strata(setting: str, trained: Path) -> None:
     """Writes the fitted clusters of a stratified training, and the rows of some."""
-    policy, about = ChunkPolicy.load_with_metadata(trained)
-    protocol = about["protocol"]
+    policy = ChunkPolicy.load(trained)
+    protocol = policy.about["protocol"]
     training, _ = split(
         read(find_data(find_task(SETTINGS[setting].task).demonstrations)),
         held_out=protocol["held_out"],

@@ -27,7 +27,7 @@ from cotlearn.assets import find_data
 from cotlearn.couplings import StratifiedOT, centred
 from cotlearn.couplings.base import generator_for
 from cotlearn.diagnostics import linear_skew
-from cotlearn.policies.comparison import seen_by
+from cotlearn.policies.comparison.choice import seen_by
 from cotlearn.policies.methods import find_method
 from cotlearn.policies.training import Options, train
 from cotlearn.robots.episodes import read, split

@@ -21,7 +21,7 @@ from push_t_strata import CLUSTERS, EPISODES
 from cotlearn.assets import find_data
 from cotlearn.couplings.base import generator_for
 from cotlearn.diagnostics import linear_skew, prior_skew
-from cotlearn.policies.comparison import seen_by
+from cotlearn.policies.comparison.choice import seen_by
 from cotlearn.policies.methods import find_method
 from cotlearn.policies.training import Options
 from cotlearn.robots.episodes import read, split

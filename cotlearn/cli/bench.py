@@ -45,33 +45,25 @@ def bench(
     places = ("benchmarks/results", "data/results") if root else ("results", "results")
     cells, table = ((root or Path()) / place / short for place in places)
     summary = summary or (folder or table).with_suffix(".json")
-    folder = folder or cells
-    weights = weights or Path("build") / short
+    folder, weights = folder or cells, weights or Path("build") / short
     say = functools.partial(console.print, markup=False)
     with reported():
-        import torch
+        from cotlearn.policies.comparison.cells import Protocol, measure_latency
+        from cotlearn.policies.comparison.cells import bench as fill
+        from cotlearn.policies.comparison.summary import summarise
 
-        from cotlearn.policies import comparison
-        from cotlearn.robots.episodes import read
-
-        torch.set_num_threads(1)
-        setting, file = policies.setting(name, options, data)
+        setting, demonstrations = policies.setting(name, options, data)
         if latency:
-            comparison.measure_latency(folder, weights=weights, say=say)
+            measure_latency(folder, weights=weights, say=say)
         else:
-            comparison.bench(
-                read(file),
+            fill(
+                demonstrations,
                 folder=folder,
                 methods=[m.strip() for m in methods.split(",")] if methods else setting.methods,
                 seeds=policies.numbers(seeds, "seeds"),
-                protocol=comparison.Protocol(
-                    options=setting.options,
-                    train_episodes=train_episodes,
-                    held_out=held_out,
-                    episodes=episodes,
-                ),
+                protocol=Protocol(setting.options, train_episodes, held_out, episodes),
                 weights=weights,
                 say=say,
             )
-        comparison.summarise(folder, summary, command=f"cotlearn bench {name}")
+        summarise(folder, summary, command=f"cotlearn bench {name}")
     say(f"summary: {summary}")

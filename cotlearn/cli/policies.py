@@ -16,6 +16,7 @@ from cotlearn import assets
 
 if TYPE_CHECKING:
     from cotlearn.policies.settings import Setting
+    from cotlearn.robots.episodes import Episodes
 
 Name = Annotated[str, typer.Argument(help="A task, with the options of the course.")]
 Data = Annotated[
@@ -82,19 +83,25 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     return with_them
 
 
-def setting(name: str, options: dict[str, Any], data: Path | None) -> tuple[Setting, Path]:
+def setting(name: str, options: dict[str, Any], data: Path | None) -> tuple[Setting, Episodes]:
     """The course's setting of this name with the options that were given, and its demonstrations.
+
+    Torch gets one thread, as in the course.
 
     Raises:
         ValueError: there is none of this name, or an option does not fit.
     """
+    import torch
+
     from cotlearn.policies.settings import SETTINGS
+    from cotlearn.robots.episodes import read
     from cotlearn.robots.registry import find_task
     from cotlearn.validation import check_choice
 
+    torch.set_num_threads(1)
     found = SETTINGS[check_choice(name, "task", tuple(SETTINGS))]
-    data = data or assets.find_data(find_task(found.task).demonstrations)
-    return replace(found, options=replace(found.options, **options)), data
+    found = replace(found, options=replace(found.options, **options))
+    return found, read(data or assets.find_data(find_task(found.task).demonstrations))
 
 
 def numbers(text: str, name: str) -> list[int]:

@@ -34,26 +34,22 @@ def train(
     out = out or Path(f"{name.replace('-', '_')}.safetensors")
     checkpoint = out.with_name(f"{out.stem}.training.safetensors")
     with reported():
-        import torch
-
-        from cotlearn.policies import comparison, training
+        from cotlearn.policies import training
+        from cotlearn.policies.comparison.choice import with_choice
         from cotlearn.policies.rollout import rollout
-        from cotlearn.robots.episodes import read
 
-        torch.set_num_threads(1)
-        setting, file = policies.setting(name, options, data)
-        chosen = read(file)
+        setting, chosen = policies.setting(name, options, data)
         if episodes is not None:
-            chosen = chosen.select(list(range(min(episodes, len(chosen)))))
+            chosen = chosen.select(range(min(episodes, len(chosen))))
         trained = training.train(
             coupling,
             chosen,
             seed=seed,
-            options=comparison.with_choice(coupling, chosen, setting.options),
+            options=with_choice(coupling, chosen, setting.options),
             checkpoint=checkpoint,
         )
-    about = {"coupling": coupling, "seed": seed, "episodes": len(chosen)}
-    trained.policy.save(out, metadata=about)
+    trained.policy.about = {"coupling": coupling, "seed": seed, "episodes": len(chosen)}
+    trained.policy.save(out)
     for file in out.parent.glob(f"*{checkpoint.name}"):
         file.unlink()
     console.print(

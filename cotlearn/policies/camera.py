@@ -60,21 +60,23 @@ class CameraNetwork(nn.Module):
         velocity: Tensor = self.head(t, x, self.encode(c))
         return velocity
 
-    def encode(self, c: Tensor) -> Tensor:
-        """What the velocity field is given of scenes c: `look` at their pictures."""
-        return self.look(self.camera.pictures(c), self.hand(c))
+    def encode(
+        self, c: Tensor, *, shift: int = 0, generator: torch.Generator | None = None
+    ) -> Tensor:
+        """What the velocity field is given of scenes c: features of their pictures, and the hand.
 
-    def hand(self, c: Tensor) -> Tensor:
-        """The places of the agent, (B, observe * 2), the middle of the world as 0."""
-        return ((self.camera.scenes(c)[..., AGENT] - SIZE / 2) / _UNIT).flatten(1)
+        The first four are the pose: x and y, the middle of the world as 0, cosine and sine. The
+        last, observe * 2, are the places of the agent, with the same middle.
 
-    def look(self, pictures: Tensor, hand: Tensor) -> Tensor:
-        """Features of pictures (B, size, size, 3), 0 to 255, and of the places of the hand.
-
-        The first four are the pose: x and y, the middle of the world as 0, cosine and sine.
+        Args:
+            c: (B, k).
+            shift: pixels by which pictures are shifted at random.
+            generator: of the shifts.
         """
-        images = pictures.permute(0, 3, 1, 2).float() / 127.5 - 1
-        return torch.cat([self.encoder(images), hand], dim=1)
+        pictures = shifted(self.camera.pictures(c), shift, generator)
+        hand = (self.camera.scenes(c)[..., AGENT] - SIZE / 2) / _UNIT
+        features = self.encoder(pictures.permute(0, 3, 1, 2).float() / 127.5 - 1)
+        return torch.cat([features, hand.flatten(1)], dim=1)
 
     def pose_error(self, features: Tensor, c: Tensor) -> Tensor:
         """The squared error of the pose, (B,)."""
@@ -123,29 +125,15 @@ def _turned(points: Tensor, facing: Tensor, sign: int) -> Tensor:
     return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=2)
 
 
-@dataclass(frozen=True)
-class SeenFromT:
-    """Chunks turned as the true T of a scene faces: the frame of `TurnedMLP`, in `Transformed`.
+def turned_with_t(x: Tensor, c: Tensor, *, camera: Camera, sign: int) -> Tensor:
+    """Chunks x (B, d) turned as the true T of scenes c (B, k) faces: the frame of `TurnedMLP`.
 
-    The pose is known where pairs are made, in training, as it is to `CameraLoss`.
-
-    Attributes:
-        camera: for scenes on this scale.
+    With sign -1 they are as seen from the T, with 1 they are turned back: the two functions of
+    `couplings.Transformed`. The pose is known where pairs are made, in training, as it is to
+    `CameraLoss`.
     """
-
-    camera: Camera
-
-    def to_frame(self, x: Tensor, c: Tensor) -> Tensor:
-        """Chunks x (B, d) of scenes c (B, k), as seen from the T."""
-        return self._turned(x, c, -1)
-
-    def from_frame(self, x: Tensor, c: Tensor) -> Tensor:
-        """The inverse of `to_frame`."""
-        return self._turned(x, c, 1)
-
-    def _turned(self, x: Tensor, c: Tensor, sign: int) -> Tensor:
-        facing = nn.functional.normalize(self.camera.scenes(c)[:, -1:, TURN], dim=2)
-        return _turned(x.unflatten(1, (-1, 2)), facing, sign).flatten(1)
+    facing = nn.functional.normalize(camera.scenes(c)[:, -1:, TURN], dim=2)
+    return _turned(x.unflatten(1, (-1, 2)), facing, sign).flatten(1)
 
 
 @dataclass(frozen=True)
@@ -165,12 +153,10 @@ class CameraLoss:
     pose: float = 1000.0
     shift: int = 0
 
-    def __call__(self, network: nn.Module, pairs: Pairs, generator: torch.Generator) -> Tensor:
+    def __call__(self, network: Any, pairs: Pairs, generator: torch.Generator) -> Tensor:
         """The loss of each row, (B,), of a `CameraNetwork`; its encoder runs once."""
-        assert isinstance(network, CameraNetwork)
         assert pairs.c is not None  # scenes
-        pictures = shifted(network.camera.pictures(pairs.c), self.shift, generator)
-        features = network.look(pictures, network.hand(pairs.c))
+        features = network.encode(pairs.c, shift=self.shift, generator=generator)
         value = self.loss(network.head, replace(pairs, c=features), generator)
         return value + self.pose * network.pose_error(features, pairs.c)
 

@@ -14,19 +14,9 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from cotlearn.couplings import (
-    ConditionalOT,
-    Coupling,
-    Independent,
-    MinibatchOT,
-    ModelAligned,
-    StratifiedOT,
-)
+from cotlearn import couplings
+from cotlearn.couplings import Coupling, EmbeddedClusters, Independent, StratifiedOT
 from cotlearn.couplings.base import generator_for
-from cotlearn.couplings.conditional import BALANCED
-from cotlearn.couplings.conditions import EmbeddedClusters
-from cotlearn.couplings.reflow import FixedPairs
-from cotlearn.couplings.transformed import centred
 from cotlearn.datasets import Dataset
 from cotlearn.flows.diffusion import Diffusion, predict, regression_loss
 from cotlearn.flows.matching import Loss, OversampleT0, conditional_flow_matching_loss
@@ -72,8 +62,8 @@ class Method:
 
 
 def _conditional(options: Options, pictures: EmbeddedClusters | None) -> Coupling:
-    weight = BALANCED if options.condition_weight is None else options.condition_weight
-    return ConditionalOT(weight, condition=pictures)
+    weight = "balanced" if options.condition_weight is None else options.condition_weight
+    return couplings.ConditionalOT(weight, condition=pictures)
 
 
 def _stratified(
@@ -103,7 +93,7 @@ def _centre(run: Run) -> None:
         parts = (predict(network, o.new_zeros(len(o), run.data.dim), o) for o in c.split(8192))
         return torch.cat(list(parts))
 
-    run.coupling, run.seconds = centred(run.coupling, mean), first.seconds
+    run.coupling, run.seconds = couplings.centred(run.coupling, mean), first.seconds
 
 
 def _distil(run: Run) -> None:
@@ -119,7 +109,7 @@ def _distil(run: Run) -> None:
         for noise, some in zip(x0.split(4096), c.split(4096), strict=True)
     ]
     run.data = Dataset(torch.cat(parts), c, name=f"{run.data.name}, made by a teacher")
-    run.coupling = FixedPairs(x0)
+    run.coupling = couplings.FixedPairs(x0)
     run.seconds += time.perf_counter() - started
 
 
@@ -130,7 +120,7 @@ METHODS: dict[str, Method] = {
         Method(
             "minibatch_ot",
             "flow matching, naive minibatch OT",
-            coupling=lambda options, pictures: MinibatchOT(),
+            coupling=lambda *_: couplings.MinibatchOT(),
         ),
         Method(
             "conditional_ot",
@@ -163,7 +153,7 @@ METHODS: dict[str, Method] = {
         Method(
             "aligned",
             "flow matching, model-aligned pairs (MAC, weighted)",
-            coupling=lambda options, pictures: ModelAligned(
+            coupling=lambda options, pictures: couplings.ModelAligned(
                 "weighted", warmup_steps=options.steps // 5
             ),
         ),

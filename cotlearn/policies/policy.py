@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import timeit
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
@@ -19,7 +19,7 @@ from cotlearn.policies.windows import Windows
 from cotlearn.renamed import renamed
 from cotlearn.robots.task import Array
 from cotlearn.storage import load_tensors, save_tensors
-from cotlearn.validation import check_count
+from cotlearn.validation import check_array, check_count
 
 _FITTED = "fitted."  #: before the names of a coupling's tensors in a file
 _NETWORKS: dict[str, Any] = {
@@ -38,6 +38,7 @@ class ChunkPolicy:
         execute: steps of a chunk that are done before the next is drawn.
         fitted: what the coupling of its training had fitted (`state_dict` of its condition), to be
             kept with the weights; a policy does not need it to act.
+        about: what its file says of it beside, JSON-compatible: how it was trained.
 
     Raises:
         ValueError: the network's sizes or `execute` do not fit the windows.
@@ -49,6 +50,7 @@ class ChunkPolicy:
     _: KW_ONLY
     execute: int = 8
     fitted: dict[str, Tensor] = field(default_factory=dict)
+    about: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("dim", "condition_dim"):
@@ -103,10 +105,12 @@ class ChunkPolicy:
             generator: of fresh noise.
 
         Raises:
+            TypeError: the history does not hold real numbers.
             ValueError: the history or the noise does not fit the policy.
             RuntimeError: the network's output is not finite.
         """
-        history = self.windows.check_history(history)
+        shape = (None, self.windows.observe, len(self.windows.task.state))
+        history = check_array(history, "history", shape)
         if noise is None:
             noise = self.noise(len(history), generator)
         x = self.draw(noise, self.windows.condition(history))
@@ -130,22 +134,15 @@ class ChunkPolicy:
         generator = torch.Generator().manual_seed(0)
         state = self.windows.task.vector_sim([0]).states
         history = np.repeat(state[:, None], self.windows.observe, axis=1)
-        seconds = []
-        for _ in range(repetitions + 2):
-            started = time.perf_counter()
-            self.act(history, generator=generator)
-            seconds.append(time.perf_counter() - started)
-        return float(np.median(seconds[2:]))  # the first two warm up
+        chunk = timeit.Timer(lambda: self.act(history, generator=generator))
+        return float(np.median(chunk.repeat(repetitions + 2, number=1)[2:]))  # two warm up
 
-    def save(
-        self, path: str | Path, *, half: bool = False, metadata: dict[str, Any] | None = None
-    ) -> None:
-        """Writes network, windows and sampler as safetensors.
+    def save(self, path: str | Path, *, half: bool = False) -> None:
+        """Writes network, windows, sampler and what is known about the policy as safetensors.
 
         Args:
             path: the file.
             half: in 16 bits, which halves the file.
-            metadata: more to remember, JSON-compatible.
 
         Raises:
             TypeError: `load` could not make such a network.
@@ -153,12 +150,10 @@ class ChunkPolicy:
         kind = type(self.network).__name__
         if kind not in _NETWORKS:
             raise TypeError(f"network must be one of {', '.join(_NETWORKS)} to be saved: {kind}")
-        everything = self.network.state_dict()
-        everything |= {f"{_FITTED}{name}": value for name, value in self.fitted.items()}
-        tensors = {
-            name: value.half() if half and value.is_floating_point() else value
-            for name, value in everything.items()
-        }
+        tensors = {f"{_FITTED}{name}": value for name, value in self.fitted.items()}
+        tensors |= self.network.state_dict()
+        if half:
+            tensors = {n: v.half() if v.is_floating_point() else v for n, v in tensors.items()}
         record = {
             "policy": {
                 "network": {"kind": kind, **cast(Any, self.network).sizes},
@@ -166,7 +161,7 @@ class ChunkPolicy:
                 "sampler": {"kind": type(self.sampler).__name__, **vars(self.sampler)},
                 "execute": self.execute,
             },
-            "about": metadata or {},
+            "about": self.about,
         }
         save_tensors(path, tensors, record)
 
@@ -178,11 +173,6 @@ class ChunkPolicy:
             FileNotFoundError: there is no such file.
             ValueError: the file is damaged or holds no policy.
         """
-        return cls.load_with_metadata(path)[0]
-
-    @classmethod
-    def load_with_metadata(cls, path: str | Path) -> tuple[ChunkPolicy, dict[str, Any]]:
-        """Like `load`, together with what `save` was told to remember."""
         tensors, record = load_tensors(path)
         try:
             stored = record["policy"]
@@ -191,14 +181,14 @@ class ChunkPolicy:
             tensors = {name: value.float() for name, value in tensors.items()}
             fitted = {n: tensors.pop(n) for n in list(tensors) if n.startswith(_FITTED)}
             network.load_state_dict(tensors)
-            policy = cls(
+            return cls(
                 network.requires_grad_(False),
                 Windows.from_metadata(stored["windows"]),
                 SAMPLERS[sampler.pop("kind")](**sampler),
                 execute=stored["execute"],
                 fitted={name.removeprefix(_FITTED): value for name, value in fitted.items()},
+                about=dict(record["about"]),
             )
-            return policy, dict(record["about"])
         except (KeyError, TypeError, RuntimeError) as error:
             raise ValueError(f"{path} holds no policy that fits: {error}") from error
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from cotlearn.couplings.conditional import BALANCED
 from cotlearn.policies.methods import METHODS
 from cotlearn.policies.pixels import Pixels
 from cotlearn.policies.training import Options
@@ -51,7 +50,7 @@ _CAMERA = Options(
     steps=6000,
     batch_size=128,
     width=256,
-    condition_weight=BALANCED,
+    condition_weight="balanced",
     clusters=1024,
     camera=Pixels(),
 )

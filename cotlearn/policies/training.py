@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import nn
 
-from cotlearn.couplings import Coupling
-from cotlearn.couplings.conditional import BALANCED
-from cotlearn.couplings.conditions import EmbeddedClusters
+from cotlearn.couplings import Coupling, EmbeddedClusters
 from cotlearn.datasets import Dataset
 from cotlearn.flows.matching import Loss
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet
@@ -26,6 +24,7 @@ from cotlearn.robots.episodes import Episodes
 from cotlearn.validation import check_choice, check_count
 
 NETWORKS = ("mlp", "unet")
+_SHAPE = ("observe", "predict", "label", "scale", "knots", "open_loop")  #: for `Windows.fit`
 _OLD_NAMES = {"whole": "open_loop", "early": "share_at_t0"}
 
 
@@ -102,7 +101,7 @@ class Options:
         }
         if values.get("network") == "camera":
             values["network"] = "mlp"
-            values["condition_weight"] = values["condition_weight"] or BALANCED
+            values["condition_weight"] = values["condition_weight"] or "balanced"
         return cls(**values, camera=Pixels(**camera) if camera else None)
 
     def make_network(self, windows: Windows, *, seed: int) -> nn.Module:
@@ -111,7 +110,7 @@ class Options:
         if self.camera:
             return self.camera.network(windows, **sizes)
         if self.network == "unet":
-            shape = windows.points, windows.action_dim, windows.condition_dim
+            shape = windows.points, len(windows.task.action), windows.condition_dim
             return TemporalUNet(*shape, seed=seed)
         return ResidualMLP(windows.dim, windows.condition_dim, **sizes)
 
@@ -124,16 +123,8 @@ class Options:
 
     def windows(self, episodes: Episodes) -> Windows:
         """The windows of these options, with the scale of the episodes."""
-        return Windows.fit(
-            episodes,
-            observe=self.observe,
-            predict=self.predict,
-            frame=self.frame or ("agent" if self.camera else None),
-            label=self.label,
-            scale=self.scale,
-            knots=self.knots,
-            open_loop=self.open_loop,
-        )
+        frame = self.frame or ("agent" if self.camera else None)
+        return Windows.fit(episodes, frame=frame, **{name: getattr(self, name) for name in _SHAPE})
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from torch import Tensor
 
@@ -18,11 +18,10 @@ from cotlearn.robots.task import Array, Frame, Task
 from cotlearn.validation import check_choice, check_count
 
 LABELS = ("action", "intention")
-SCALES = ("deviation", "range")
 _RANGES = ("observation_range", "action_range")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Windows:
     """How episodes become rows (x1, c) and how a row becomes actions again.
 
@@ -32,11 +31,11 @@ class Windows:
 
     Attributes:
         task: whose states and actions they are.
-        observe: steps that a policy sees, the present one last.
-        predict: steps of a chunk, the present one first.
         frame: a key of `task.frames`.
         observation_range: (2, F), the values of each feature that become -1 and 1.
         action_range: (2, A), the values of each coordinate that become -1 and 1.
+        observe: steps that a policy sees, the present one last.
+        predict: steps of a chunk, the present one first.
         knots: points that stand for a chunk, evenly spaced in time, the last action among them;
             a cubic spline through them, from rest to rest, fills in the others. None: no knots,
             every step is predicted.
@@ -47,11 +46,11 @@ class Windows:
     """
 
     task: Task
-    observe: int
-    predict: int
     frame: str
     observation_range: Array
     action_range: Array
+    observe: int = 2
+    predict: int = 16
     knots: int | None = None
     open_loop: bool = False
 
@@ -69,42 +68,30 @@ class Windows:
         cls,
         episodes: Episodes,
         *,
-        observe: int = 2,
-        predict: int = 16,
         frame: str | None = None,
         label: str = "action",
         scale: str = "deviation",
-        knots: int | None = None,
-        open_loop: bool = False,
+        **shape: Any,
     ) -> Windows:
         """Takes the scale from the windows of training episodes.
 
         Args:
             episodes: to train on.
-            observe: steps that a policy sees.
-            predict: steps of a chunk.
             frame: a key of `episodes.task.frames`; the first if None.
             label: as in `dataset`.
             scale: "deviation" gives every coordinate mean 0 and variance 1, as the noise has;
                 "range" fills [-1, 1], as Diffusion Policy does. Seen from Push-T's block, actions
                 are mostly near and rarely far, and the range leaves them a seventh of the noise.
-            knots: points that stand for a chunk.
-            open_loop: only the windows with which episodes begin.
+            shape: `observe`, `predict`, `knots` and `open_loop`, as among the attributes.
         """
-        check_choice(scale, "scale", SCALES)
-        frame = frame or next(iter(episodes.task.frames))
-        unknown = np.empty((2, 0))
-        raw = cls(episodes.task, observe, predict, frame, unknown, unknown, knots, open_loop)
+        ends = _SCALES[check_choice(scale, "scale", tuple(_SCALES))]
+        task, later = episodes.task, np.empty((2, 0))
+        frame = frame or next(iter(task.frames))
+        raw = cls(task=task, frame=frame, observation_range=later, action_range=later, **shape)
         history, actions = raw.cut(episodes, label=label)
         features = raw._frame.observe(history)
         wanted = raw._at_knots(raw._frame.to_frame(actions, history))
-        ends = _deviation if scale == "deviation" else _range
         return replace(raw, observation_range=ends(features), action_range=ends(wanted))
-
-    @property
-    def action_dim(self) -> int:
-        """A, numbers of one action."""
-        return len(self.task.action)
 
     @property
     def points(self) -> int:
@@ -113,8 +100,8 @@ class Windows:
 
     @property
     def dim(self) -> int:
-        """Columns of x1: points * A."""
-        return self.points * self.action_dim
+        """Columns of x1: points * A, with A numbers of an action."""
+        return self.points * len(self.task.action)
 
     @property
     def condition_dim(self) -> int:
@@ -163,31 +150,10 @@ class Windows:
     def actions(self, x: Tensor, history: Array) -> Array:
         """Actions (B, predict, A) in the world, not clipped, from chunks x (B, points * A)."""
         values = x.detach().to("cpu", torch.float64).numpy()
-        values = values.reshape(-1, self.points, self.action_dim)
+        values = values.reshape(len(values), self.points, -1)
         low, high = self.action_range
         values = self._between_knots(low + (values + 1) / 2 * (high - low), history)
         return self._frame.from_frame(values, history)
-
-    def check_history(self, history: ArrayLike) -> Array:
-        """Returns states (B, observe, columns) as float64.
-
-        Raises:
-            TypeError: they are no real numbers.
-            ValueError: they have another shape, or are not finite.
-        """
-        array = np.asarray(history)
-        if array.dtype.kind not in "fiu":
-            raise TypeError(f"history must hold real numbers, got {array.dtype}")
-        columns = self.task.state
-        if array.ndim != 3 or array.shape[1:] != (self.observe, len(columns)) or len(array) == 0:
-            raise ValueError(
-                f"history must have shape (rows, {self.observe}, {len(columns)}): "
-                f"{', '.join(columns)} of {self.observe} steps; got {array.shape}"
-            )
-        if not np.isfinite(array).all():
-            bad = np.flatnonzero(~np.isfinite(array).all(axis=(1, 2)))
-            raise ValueError(f"history has NaN or infinite values in rows {bad.tolist()[:5]}")
-        return array.astype(np.float64)
 
     def metadata(self) -> dict[str, Any]:
         """Everything, JSON-compatible: `Windows.from_metadata` takes it back."""
@@ -217,7 +183,7 @@ class Windows:
         """The spline through where the tool is now and the knots, at every step."""
         if self.knots is None:
             return values
-        here = self._frame.to_frame(history[:, -1:, : self.action_dim], history)
+        here = self._frame.to_frame(history[:, -1:, : values.shape[-1]], history)
         times = np.concatenate([[0], self._knot_steps])
         curve = CubicSpline(
             times, np.concatenate([here, values], axis=1), axis=1, bc_type="clamped"
@@ -238,10 +204,11 @@ def _deviation(values: Array) -> Array:
     return np.array([mean - deviation, mean + deviation])
 
 
+_SCALES = {"deviation": _deviation, "range": _range}
+
+
 def _scaled(values: Array, ends: Array) -> Tensor:
     """Rows (B, n * columns) in float32, `ends` as -1 and 1; what does not vary becomes 0."""
     low, high = ends
-    width = np.where(high > low, high - low, 1.0)
-    middle = np.where(high > low, (low + high) / 2, low)
-    scaled = 2 * (values - middle) / width
+    scaled = 2 * (values - (low + high) / 2) / np.where(high > low, high - low, 1.0)
     return torch.from_numpy(scaled.reshape(len(scaled), -1)).float()

@@ -41,7 +41,7 @@ def command(words, folder):
 def start():
     """Starts a command in a process that has imported everything already."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["cotlearn.cli", "cotlearn.policies.comparison", "mujoco"])
+    context.set_forkserver_preload(["cotlearn.cli", "cotlearn.policies.comparison.cells", "mujoco"])
 
     def started(words, folder):
         process = context.Process(target=command, args=(words, folder))

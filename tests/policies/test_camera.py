@@ -10,8 +10,9 @@ from cotlearn.couplings.base import generator_for
 from cotlearn.flows.diffusion import Diffusion
 from cotlearn.flows.matching import conditional_flow_matching_loss
 from cotlearn.flows.solvers import integrate
-from cotlearn.policies.camera import CameraLoss, CameraNetwork, SeenFromT, TurnedMLP, shifted
-from cotlearn.policies.comparison import choice, choose, with_choice
+from cotlearn.policies.camera import CameraLoss, CameraNetwork, TurnedMLP, shifted, turned_with_t
+from cotlearn.policies.comparison import choice
+from cotlearn.policies.comparison.choice import choose, with_choice
 from cotlearn.policies.methods import METHODS
 from cotlearn.policies.pixels import Pixels
 from cotlearn.policies.policy import ChunkPolicy
@@ -60,8 +61,6 @@ def test_a_network_that_sees(network, data):
     features = network.encode(c)
     assert features.shape == (6, 4 + 3 + 4)
     assert torch.equal(network.head(0.3, x, features), v)
-    looked = network.look(network.camera.pictures(c), network.hand(c))
-    assert torch.equal(looked, features)
     other = c.clone()
     other[:, 2:6] += 1  # where the T was a step ago
     assert torch.equal(network(0.3, x, other), v)
@@ -71,12 +70,11 @@ def test_a_network_that_sees(network, data):
 
 def test_seen_from_the_t(network, data, episodes):
     """As `BodyFrame` turns directions; and the inner network of `TurnedMLP` sees the same."""
-    seen = SeenFromT(network.camera)
     x, c = data.x1[:9], data.c[:9]
-    turned = seen.to_frame(x, c)
+    turned = turned_with_t(x, c, camera=network.camera, sign=-1)
     for row, angle in enumerate(episodes.state[:9, 4]):
         assert torch.allclose(turned[row], _turn(x[row : row + 1], -angle)[0], atol=1e-4)
-    assert torch.allclose(seen.from_frame(turned, c), x, atol=1e-5)
+    assert torch.allclose(turned_with_t(turned, c, camera=network.camera, sign=1), x, atol=1e-5)
 
 
 def test_the_pose_error_of_the_true_pose_is_zero(network, data, episodes):

@@ -12,16 +12,10 @@ from typer.testing import CliRunner
 from cotlearn import cli, plots
 from cotlearn.couplings import StratifiedOT, Transformed
 from cotlearn.plots.style import LOOKS
-from cotlearn.policies.comparison import (
-    Protocol,
-    bench,
-    choice,
-    choose,
-    scores,
-    summarise,
-    with_choice,
-)
-from cotlearn.policies.comparison.cells import read_record
+from cotlearn.policies.comparison import choice, scores
+from cotlearn.policies.comparison.cells import Protocol, bench, read_record
+from cotlearn.policies.comparison.choice import choose, with_choice
+from cotlearn.policies.comparison.summary import summarise
 from cotlearn.policies.methods import METHODS, Method
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import rollout

@@ -5,28 +5,24 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cotlearn.metrics import mode_entropy
 from cotlearn.policies.comparison import scores
-from cotlearn.policies.comparison.choice import choose, is_open
-from cotlearn.policies.methods import METHODS, Method, find_method
+from cotlearn.policies.comparison.choice import choose
+from cotlearn.policies.methods import METHODS, find_method
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.training import Options, train
-from cotlearn.results import Folder, machine, read_json, write_json
+from cotlearn.results import Folder, Say, Values, machine, read_json, write_json
 from cotlearn.robots.episodes import Episodes, split
 from cotlearn.robots.experts.modes import demonstrated_modes
 from cotlearn.validation import check_count
 
 DEMONSTRATED = "demonstrations.json"  #: in the folder of the cells
-
-Record = dict[str, Any]
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -45,23 +41,18 @@ class Protocol:
     held_out: int = 200
     episodes: int = 200
 
-    def record(self, episodes: Episodes) -> Record:
+    def record(self, episodes: Episodes) -> Values:
         """The protocol and what identifies the demonstrations, as JSON gives it back."""
         digest = hashlib.sha256()
         for array in (episodes.state, episodes.action, episodes.ends):
             digest.update(np.ascontiguousarray(array).tobytes())
-        data = {
-            "name": episodes.name,
-            "episodes": len(episodes),
-            "rows": len(episodes.state),
-            "sha256": digest.hexdigest(),
-        }
-        record = {**asdict(self), "task": episodes.task.name, "data": data}
-        found: Record = json.loads(json.dumps(record))
-        return found
+        sizes = {"episodes": len(episodes), "rows": len(episodes.state)}
+        data = {"name": episodes.name, **sizes, "sha256": digest.hexdigest()}
+        record: Values = {**asdict(self), "task": episodes.task.name, "data": data}
+        return dict(json.loads(json.dumps(record)))
 
 
-def read_record(record: Record) -> Record:
+def read_record(record: Values) -> Values:
     """A stored record of a protocol, under the names of today."""
     return {**record, "options": asdict(Options.from_stored(record["options"]))}
 
@@ -73,17 +64,18 @@ class _Bench:
     training: Episodes
     held: Episodes
     protocol: Protocol
-    record: Record
+    record: Values
     weights: Path
     say: Say
-    choices: dict[str, Record] = field(default_factory=dict)
+    choices: dict[str, Values | None] = field(default_factory=dict)
 
-    def cell(self, name: str) -> Record:
+    def cell(self, name: str) -> Values:
         """Trains a policy, unless its weights are there, and scores it."""
-        method, seed = find_method(name.rpartition("-")[0]), int(name.rpartition("-")[2])
-        chosen = self.chosen(method)
-        trained = self.stored(name) or self.train(method, seed, name, chosen)
-        policy, about = trained
+        method, _, seed = name.rpartition("-")
+        if method not in self.choices:
+            self.choices[method] = choose(method, self.training, self.protocol.options)
+        chosen = self.choices[method]
+        policy = self.stored(name) or self.train(name, method, int(seed), chosen)
         data = policy.windows.dataset(self.held, label=self.protocol.options.label)
         found = {
             sampler.name: scores.evaluate(
@@ -91,55 +83,41 @@ class _Bench:
             )
             for sampler in policy.sampler.variants
         }
-        score = self.training.task.score
+        about, score = policy.about["training"], self.training.task.score
         means = {name: round(one["summary"][score], 3) for name, one in found.items()}
         self.say(f"{name}: trained in {about['seconds']:.0f} s; {score} {means}")
-        values = {"method": method.name, "seed": seed, "training": about, "samplers": found}
+        values = {"method": method, "seed": int(seed), "training": about, "samplers": found}
         return {**values, **({"chosen": chosen} if chosen else {}), **machine("pymunk", "mujoco")}
 
-    def train(
-        self, method: Method, seed: int, name: str, chosen: Record | None
-    ) -> tuple[ChunkPolicy, Record]:
+    def train(self, name: str, method: str, seed: int, chosen: Values | None) -> ChunkPolicy:
         """Trains a policy and keeps its weights, with what is known of the training."""
         self.say(f"{name}: training")
         options = self.protocol.options
         if chosen:
             options = replace(options, **{chosen["option"]: chosen["value"]})
-        cpu = time.process_time()
-        trained = train(
-            method,
-            self.training,
-            seed=seed,
-            options=options,
-            checkpoint=self.weights / f"{name}.training.safetensors",
-        )
+        cpu, checkpoint = time.process_time(), self.weights / f"{name}.training.safetensors"
+        trained = train(method, self.training, seed=seed, options=options, checkpoint=checkpoint)
         about = {
             "seconds": trained.seconds,
             "cpu_seconds_of_last_run": time.process_time() - cpu,
             "parameters": trained.parameters,
             "loss": [round(float(value), 5) for value in trained.history["loss"][9::10]],
         }
-        metadata = {"protocol": self.record, "training": about}
-        trained.policy.save(self.weights / f"{name}.safetensors", metadata=metadata)
-        for file in self.weights.glob(f"*{name}.training.safetensors"):
+        trained.policy.about = {"protocol": self.record, "training": about}
+        trained.policy.save(self.weights / f"{name}.safetensors")
+        for file in self.weights.glob(f"*{checkpoint.name}"):
             file.unlink()
-        return trained.policy, about
+        return trained.policy
 
-    def chosen(self, method: Method) -> Record | None:
-        """What the frontier chooses for all seeds of a method, computed once."""
-        if is_open(method, self.protocol.options) and method.name not in self.choices:
-            self.choices[method.name] = choose(method, self.training, self.protocol.options)
-        return self.choices.get(method.name)
-
-    def stored(self, name: str) -> tuple[ChunkPolicy, Record] | None:
-        """A policy of this very protocol that was trained before, and what is known of it."""
+    def stored(self, name: str) -> ChunkPolicy | None:
+        """A policy of this very protocol that was trained before."""
         path = self.weights / f"{name}.safetensors"
         if not path.is_file():
             return None
-        policy, metadata = ChunkPolicy.load_with_metadata(path)
-        if read_record(metadata["protocol"]) != self.record:
+        policy = ChunkPolicy.load(path)
+        if read_record(policy.about["protocol"]) != self.record:
             raise ValueError(f"{path} was trained with another protocol: give another folder")
-        return policy, metadata["training"]
+        return policy
 
     def demonstrate(self, path: Path) -> None:
         """Stores the demonstrator's modes at the starts from which policies' are counted."""

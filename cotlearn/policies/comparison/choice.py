@@ -19,7 +19,7 @@ FRONTIER_ROWS = 4096  #: pairs that are looked at for each value
 _COLUMNS = ("name", "skew", "flagged", "one_step_variance", "one_step_error", "candidates")
 
 
-def choose(method: str | Method, training: Episodes, options: Options) -> dict[str, Any]:
+def choose(method: str | Method, training: Episodes, options: Options) -> dict[str, Any] | None:
     """Chooses the open option of a method, without any training or rollout.
 
     It is the value with the smallest one-step variance whose prior skew is not significant; if all
@@ -33,19 +33,28 @@ def choose(method: str | Method, training: Episodes, options: Options) -> dict[s
         options: of the training.
 
     Returns:
-        "option", "value", "reason", and the points of the "frontier".
+        "option", "value", "reason", and the points of the "frontier"; None: no option is open.
     """
     method = find_method(method)
+    option = method.open_option
+    if not option or getattr(options, option) is not None:
+        return None
     windows = options.windows(training)
     data = windows.dataset(training, label=options.label)
     assert data.c is not None
-    values = _CANDIDATES[method.open_option](data)
+    values: list[float]
+    if option == "clusters":
+        values = sorted({max(1, len(data) // rows) for rows in STRATUM_ROWS})
+    else:
+        spread = float(data.c.var(dim=0).sum())
+        ratio = (float(data.x1.var(dim=0).sum()) + data.dim) / spread if spread else 1.0
+        values = [factor * ratio for factor in FACTORS]
     couplings: dict[str, Coupling] = {"independent": Independent()}
     pictures = None
     for value in values:
-        changed: dict[str, Any] = {method.open_option: value}
+        changed: dict[str, Any] = {option: value}
         tried = replace(options, **changed)
-        if pictures is None or method.open_option == "clusters":
+        if pictures is None or option == "clusters":
             pictures = tried.pictures(method, data, windows)
         couplings[f"{value:g}"] = method.coupling(tried, pictures)
     found = frontier(
@@ -60,7 +69,7 @@ def choose(method: str | Method, training: Episodes, options: Options) -> dict[s
         best, _ = min(points, key=lambda pair: pair[1].skew)
         reason = "every value skews the prior significantly; this one least"
     return {
-        "option": method.open_option,
+        "option": option,
         "value": best,
         "reason": reason,
         "frontier": [{name: getattr(point, name) for name in _COLUMNS} for point in found],
@@ -69,32 +78,10 @@ def choose(method: str | Method, training: Episodes, options: Options) -> dict[s
 
 def with_choice(method: str | Method, training: Episodes, options: Options) -> Options:
     """The options, with what the method leaves open chosen by the frontier."""
-    if not is_open(method, options):
-        return options
     chosen = choose(method, training, options)
-    return replace(options, **{chosen["option"]: chosen["value"]})
-
-
-def is_open(method: str | Method, options: Options) -> bool:
-    """Whether the method has an option that is to be chosen."""
-    option = find_method(method).open_option
-    return bool(option) and getattr(options, option) is None
+    return replace(options, **{chosen["option"]: chosen["value"]}) if chosen else options
 
 
 def seen_by(training: Episodes, options: Options) -> Dataset:
     """The rows that a training of these options would see."""
     return options.windows(training).dataset(training, label=options.label)
-
-
-def _weights(data: Dataset) -> list[float]:
-    assert data.c is not None
-    spread = float(data.c.var(dim=0).sum())
-    ratio = (float(data.x1.var(dim=0).sum()) + data.dim) / spread if spread else 1.0
-    return [factor * ratio for factor in FACTORS]
-
-
-def _strata(data: Dataset) -> list[float]:
-    return sorted({max(1, len(data) // rows) for rows in STRATUM_ROWS})
-
-
-_CANDIDATES = {"condition_weight": _weights, "clusters": _strata}

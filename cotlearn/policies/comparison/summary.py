@@ -13,7 +13,6 @@ from cotlearn.policies.methods import METHODS
 from cotlearn.policies.rollout import with_thresholds
 from cotlearn.results import read_json, write_json
 from cotlearn.robots.registry import find_task
-from cotlearn.robots.task import Array
 
 REFERENCE = ("independent", "euler-16")  #: what all others are compared to
 
@@ -38,19 +37,25 @@ def summarise(folder: Path, path: Path, *, command: str) -> dict[str, Any]:
     if not files:
         raise ValueError(f"{folder} holds no cells yet: run cotlearn bench")
     first = next(iter(files.values()))
+    task = first["protocol"]["task"]
     for file, cell in files.items():
         if read_record(cell["protocol"]) != read_record(first["protocol"]):
             raise ValueError(f"{file} was made with another protocol than {next(iter(files))}")
+        for found in cell["samplers"].values():
+            arrays = {name: np.array(values) for name, values in found["outcomes"].items()}
+            found["outcomes"] = with_thresholds(find_task(task), arrays)
     cells: dict[str, Cells] = {}
     for method in METHODS:
         if mine := [cell for cell in files.values() if cell["method"] == method]:
             cells[method] = {cell["seed"]: cell for cell in mine}
-    ways = [(m, name) for m in cells for name in next(iter(cells[m].values()))["samplers"]]
-    rows = [_row(cells[method], method, name) for method, name in ways]
-    if REFERENCE in ways:
-        for row, (method, name) in zip(rows, ways, strict=True):
-            row["against_reference"] = _compare(cells[method], name, cells[REFERENCE[0]])
-    task, demonstrated = first["protocol"]["task"], folder / DEMONSTRATED
+    rows = []
+    for method, of_seed in cells.items():
+        for name in next(iter(of_seed.values()))["samplers"]:
+            row = _row(of_seed, method, name)
+            if reference := cells.get(REFERENCE[0]):
+                row["against_reference"] = _compare(of_seed, name, reference)
+            rows.append(row)
+    demonstrated = folder / DEMONSTRATED
     entropy = read_json(demonstrated)["mode_entropy"] if demonstrated.is_file() else None
     summary = {
         "question": f"{task}: how good are policies of each coupling at few evaluations?",
@@ -66,18 +71,6 @@ def summarise(folder: Path, path: Path, *, command: str) -> dict[str, Any]:
     return summary
 
 
-def _outcomes(cells: Cells, sampler: str) -> dict[str, dict[int, Array]]:
-    """outcome -> seed -> (episodes,)."""
-    result: dict[str, dict[int, Array]] = {}
-    for seed, cell in cells.items():
-        stored = cell["samplers"][sampler]["outcomes"]
-        found = {name: np.array(values) for name, values in stored.items()}
-        task = find_task(cell["protocol"]["task"])
-        for name, values in with_thresholds(task, found).items():
-            result.setdefault(name, {})[seed] = values
-    return result
-
-
 def _row(cells: Cells, method: str, sampler: str) -> dict[str, Any]:
     """Means, the value of every seed, and intervals.
 
@@ -86,8 +79,8 @@ def _row(cells: Cells, method: str, sampler: str) -> dict[str, Any]:
     scores = [cell["samplers"][sampler] for cell in cells.values()]
     row: dict[str, Any] = {"method": method, "sampler": sampler, "nfe": scores[0]["nfe"]}
     row["seeds"] = list(cells)
-    for name, of_seed in _outcomes(cells, sampler).items():
-        values = np.array(list(of_seed.values()))
+    for name in scores[0]["outcomes"]:
+        values = np.array([score["outcomes"][name] for score in scores])
         row[name], *interval = paired_bootstrap(values, np.zeros_like(values))
         row[f"{name}_interval"] = interval
         row[f"{name}_of_seeds"] = values.mean(axis=1).round(4).tolist()
@@ -106,10 +99,11 @@ def _compare(cells: Cells, sampler: str, reference: Cells) -> dict[str, Any] | N
     shared = sorted(set(cells) & set(reference))
     if not shared:
         return None
-    mine, theirs = _outcomes(cells, sampler), _outcomes(reference, REFERENCE[1])
+    mine = [cells[seed]["samplers"][sampler]["outcomes"] for seed in shared]
+    theirs = [reference[seed]["samplers"][REFERENCE[1]]["outcomes"] for seed in shared]
     differences: dict[str, Any] = {"seeds": shared}
-    for name in mine:
-        first, second = (np.array([one[name][k] for k in shared]) for one in (mine, theirs))
+    for name in mine[0]:
+        first, second = (np.array([one[name] for one in each]) for each in (mine, theirs))
         differences[name] = paired_bootstrap(first, second)
     return differences
 
