@@ -95,7 +95,6 @@ def _annotate(ax: Axes, x: Array, y: Array, texts: Sequence[str], colors: Sequen
             (x[k, 1], y[k, 1]),
             (0, 0),
             textcoords="offset points",
-            va="bottom",
             fontsize=8,
             color=readable(colors[k]),
             in_layout=False,
@@ -108,8 +107,9 @@ def _annotate(ax: Axes, x: Array, y: Array, texts: Sequence[str], colors: Sequen
         covered = _common_area(boxes[:, None], taken).sum(axis=1)
         outside = _common_area(boxes, panel) < 0.999 * size.prod()
         best = np.argmin(_DISTANCES + 10 * covered + 10_000 * outside)
-        note.xyann = tuple((boxes[best, :2] - at[k]) / point)
-        note.set(multialignment=("left", "center", "right")[int(2 * _SHARES[best, 0])])
+        note.xyann = tuple(_DISTANCES[best] * _DIRECTIONS[best])
+        across, up = (2 * _SHARES[best]).astype(int)
+        note.set(ha=("left", "center", "right")[across], va=("bottom", "center", "top")[up])
         if _DISTANCES[best] > 14:
             nearest = np.clip(at[k], boxes[best, :2], boxes[best, 2:])
             line = ax.transData.inverted().transform([at[k], nearest])
