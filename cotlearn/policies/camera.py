@@ -57,8 +57,7 @@ class CameraNetwork(nn.Module):
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor) -> Tensor:
         """The velocity (B, d) at time t, x (B, d) and scenes c (B, k)."""
-        velocity: Tensor = self.head(t, x, self.encode(c))
-        return velocity
+        return self.head(t, x, self.encode(c))
 
     def encode(
         self, c: Tensor, *, shift: int = 0, generator: torch.Generator | None = None

@@ -80,13 +80,8 @@ def _centre(run: Run) -> None:
     The regression is trained for a fifth of the steps only: one that remembers the rows would
     leave nothing of them.
     """
-    steps = max(1, run.options.steps // 5)
-    first = replace(
-        run,
-        options=replace(run.options, steps=steps),
-        coupling=Independent(),
-        loss=regression_loss,
-    )
+    first = replace(run, coupling=Independent(), loss=regression_loss)
+    first.options = replace(run.options, steps=max(1, run.options.steps // 5))
     network = first.fit("regression_").network
 
     def mean(c: Tensor) -> Tensor:

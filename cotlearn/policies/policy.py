@@ -19,7 +19,7 @@ from cotlearn.policies.windows import Windows
 from cotlearn.renamed import renamed
 from cotlearn.robots.task import Array
 from cotlearn.storage import load_tensors, save_tensors
-from cotlearn.validation import check_array, check_count
+from cotlearn.validation import check_array, check_count, check_shape
 
 _FITTED = "fitted."  #: before the names of a coupling's tensors in a file
 _NETWORKS: dict[str, Any] = {
@@ -56,10 +56,7 @@ class ChunkPolicy:
         for name in ("dim", "condition_dim"):
             got, expected = getattr(self.network, name, None), getattr(self.windows, name)
             if got != expected:
-                raise ValueError(
-                    f"network has {name} {got}, but windows of {self.windows.observe} observed and "
-                    f"{self.windows.predict} predicted steps need {expected}"
-                )
+                raise ValueError(f"network has {name} {got}, but these windows need {expected}")
         check_execute(self.execute, self.windows.predict)
         self.network.eval()
 
@@ -81,11 +78,10 @@ class ChunkPolicy:
         A network with a camera looks once, whatever the number of evaluations.
 
         Raises:
+            TypeError: noise is not a floating-point tensor.
             ValueError: noise and conditions do not fit each other or the policy.
         """
-        expected = (self.sampler.draws, *c.shape[:1], self.windows.dim)
-        if noise.shape != expected:
-            raise ValueError(f"noise must have shape {expected}, got {tuple(noise.shape)}")
+        check_shape(noise, "noise", (self.sampler.draws, len(c), self.windows.dim))
         if isinstance(self.network, CameraNetwork):
             return self.sampler(self.network.head, noise, self.network.encode(c))
         return self.sampler(self.network, noise, c)

@@ -166,7 +166,5 @@ def with_thresholds(task: Task, found: dict[str, Array]) -> dict[str, Array]:
 
 def _jerk(done: Array, steps: NDArray[np.int64]) -> Array:
     """The mean second difference of each episode's actions; 0 for fewer than three."""
-    if len(done) < 3:
-        return np.zeros(len(steps))
     second = np.linalg.norm(np.diff(done, n=2, axis=0), axis=2)  # NaN after the end
     return np.nansum(second, axis=0) / np.maximum(steps - 2, 1)

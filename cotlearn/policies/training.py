@@ -86,11 +86,9 @@ class Options:
         check_choice(self.network, "network", NETWORKS)
         check_count(self.steps, "steps")
         check_execute(self.execute, self.predict)
-        if self.camera and (self.network, self.frame or "agent") != ("mlp", "agent"):
-            raise ValueError(
-                "a policy with a camera has network 'mlp' and frame 'agent', got "
-                f"{self.network!r} and {self.frame!r}"
-            )
+        sees = self.network, self.frame or "agent"
+        if self.camera and sees != ("mlp", "agent"):
+            raise ValueError(f"with a camera, network and frame must be mlp and agent, got {sees}")
 
     @classmethod
     def from_stored(cls, stored: Mapping[str, Any]) -> Options:

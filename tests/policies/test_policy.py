@@ -128,7 +128,7 @@ def test_a_policy_drives_gymnasiums_vector_environment(network, windows):
         (lambda w, n: ChunkPolicy(n, w, FlowSampler(), execute=0), "execute must be at least 1"),
         (
             lambda w, n: ChunkPolicy(ResidualMLP(16, 12), w, FlowSampler()),
-            "network has dim 16, but windows of 2 observed and 16 predicted steps need 32",
+            "network has dim 16, but these windows need 32",
         ),
         (
             lambda w, n: ChunkPolicy(VelocityMLP(32), w, FlowSampler()),

@@ -77,12 +77,9 @@ class _Bench:
         chosen = self.choices[method]
         policy = self.stored(name) or self.train(name, method, int(seed), chosen)
         data = policy.windows.dataset(self.held, label=self.protocol.options.label)
-        found = {
-            sampler.name: scores.evaluate(
-                policy.with_sampler(sampler), data, episodes=self.protocol.episodes
-            )
-            for sampler in policy.sampler.variants
-        }
+        drawn = {sampler.name: policy.with_sampler(sampler) for sampler in policy.sampler.variants}
+        episodes = self.protocol.episodes
+        found = {name: scores.evaluate(p, data, episodes=episodes) for name, p in drawn.items()}
         about, score = policy.about["training"], self.training.task.score
         means = {name: round(one["summary"][score], 3) for name, one in found.items()}
         self.say(f"{name}: trained in {about['seconds']:.0f} s; {score} {means}")
@@ -158,11 +155,12 @@ def bench(
     """
     protocol = protocol or Protocol()
     rows = [find_method(method) for method in methods]
-    numbers = [check_count(seed, "seeds", minimum=0) for seed in seeds]
     training, held = split(episodes, held_out=protocol.held_out, train=protocol.train_episodes)
     record = protocol.record(episodes)
     work = _Bench(training, held, protocol, record, weights, say)
-    names = [f"{row.name}-{seed}" for seed in numbers for row in rows]
+    names = [
+        f"{row.name}-{check_count(seed, 'seeds', minimum=0)}" for seed in seeds for row in rows
+    ]
     Folder(folder, record, read=read_record).fill(names, work.cell, say=say)
     work.demonstrate(folder / DEMONSTRATED)
 

@@ -20,7 +20,7 @@ MODE_STARTS, MODE_DRAWS = 25, 16
 
 
 def evaluate(policy: ChunkPolicy, held: Dataset, *, episodes: int) -> dict[str, Any]:
-    """Rollouts, energy score, modes and latency of one policy, JSON-compatible."""
+    """Rollouts, energy score, modes and latency of a policy with its sampler, JSON-compatible."""
     done = rollout(policy, episodes=episodes)
     kept = [name for name in done.outcomes if name not in ("mode", *done.task.thresholds)]
     return {
