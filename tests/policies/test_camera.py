@@ -198,9 +198,7 @@ def test_the_coupling_sees_pictures(data, windows):
 
 
 def test_bad_options():
-    with pytest.raises(
-        ValueError, match="network and frame must be mlp and agent, got .'mlp', 'body'"
-    ):
+    with pytest.raises(ValueError, match="network and frame must be mlp and agent, got"):
         replace(SMALL, frame="body")
     with pytest.raises(ValueError, match="size must be at least 1"):
         Pixels(size=0)

@@ -158,9 +158,8 @@ def bench(
     training, held = split(episodes, held_out=protocol.held_out, train=protocol.train_episodes)
     record = protocol.record(episodes)
     work = _Bench(training, held, protocol, record, weights, say)
-    names = [
-        f"{row.name}-{check_count(seed, 'seeds', minimum=0)}" for seed in seeds for row in rows
-    ]
+    numbers = [check_count(seed, "seeds", minimum=0) for seed in seeds]
+    names = [f"{row.name}-{seed}" for seed in numbers for row in rows]
     Folder(folder, record, read=read_record).fill(names, work.cell, say=say)
     work.demonstrate(folder / DEMONSTRATED)
 
