@@ -26,6 +26,7 @@ from cotlearn.validation import (
 )
 
 CONFIDENCE = 0.95  #: of every interval
+STEPS = 64  #: of Euler, which trace the paths of `straightness`
 #: Draws one row for each row of c: `sample(c, generator=g)` of shape (n, d).
 ConditionalSampler: TypeAlias = Callable[..., Tensor]
 
@@ -85,7 +86,6 @@ def conditional_squared_w2(
     sample: ConditionalSampler,
     data: ConditionalData,
     *,
-    conditions: Tensor | None = None,
     n: int = 1000,
     generator: torch.Generator | None = None,
 ) -> float:
@@ -97,14 +97,12 @@ def conditional_squared_w2(
     Args:
         sample: sample(c, generator=g) draws one row for each row of c.
         data: has `sample_given` and `conditions`.
-        conditions: (m, k); `data.conditions()` if None.
         n: samples for each condition.
         generator: randomness of both samples.
     """
     check_count(n, "n")
-    c = data.conditions() if conditions is None else check_condition(conditions, "conditions")
     values = []
-    for row in c:
+    for row in data.conditions():
         repeated = row.expand(n, -1)
         truth = data.sample_given(repeated, generator=generator)
         values.append(squared_w2(sample(repeated, generator=generator), truth))
@@ -158,8 +156,6 @@ def straightness(
     velocity: Callable[[Tensor, Tensor, Tensor | None], Tensor],
     x0: Tensor,
     c: Tensor | None = None,
-    *,
-    nfe: int = 64,
 ) -> float:
     """E int |v(t, x_t, c) - (x1 - x0)|^2 dt along the flow's own paths (Liu 2209.03003, eq. 3).
 
@@ -169,16 +165,14 @@ def straightness(
         velocity: the field.
         x0: (n, d) noise to start from.
         c: (n, k), or None.
-        nfe: Euler steps that trace the paths, at least 2.
     """
-    check_count(nfe, "nfe", minimum=2)
     check_inputs(velocity, x0, c, "x0")
     path = [x0]
-    for step in range(nfe):
-        v = velocity(torch.tensor(step / nfe, dtype=x0.dtype, device=x0.device), path[-1], c)
-        path.append(path[-1] + 1 / nfe * v)
+    for step in range(STEPS):
+        v = velocity(torch.tensor(step / STEPS, dtype=x0.dtype, device=x0.device), path[-1], c)
+        path.append(path[-1] + 1 / STEPS * v)
     states = torch.stack(path)
-    velocities = (states[1:] - states[:-1]) * nfe
+    velocities = (states[1:] - states[:-1]) * STEPS
     return float((velocities - (states[-1] - states[0])).square().sum(dim=2).mean())
 
 

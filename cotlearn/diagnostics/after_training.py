@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from cotlearn import metrics
 from cotlearn.couplings.base import Coupling, Sampler, generator_for
 from cotlearn.flows.matching import Velocity
 from cotlearn.flows.solvers import integrate, sampler
 from cotlearn.validation import check_count
+
+FINE = 128  #: Euler steps that stand for the exact solution
 
 
 @dataclass(frozen=True)
@@ -108,10 +109,7 @@ def error_budget(
     oracle: Velocity,
     *,
     nfe: int,
-    fine: int = 128,
-    dim: int | None = None,
     n: int = 1000,
-    conditions: Tensor | None = None,
     seed: int = 0,
 ) -> ErrorBudget:
     """Split the error of a network where the exact field of its coupling is known.
@@ -122,23 +120,17 @@ def error_budget(
         oracle: the exact velocity of the coupling: `data.velocity` of a mixture for independent
             pairs, or an `AffineFlow`'s.
         nfe: Euler steps of the network.
-        fine: Euler steps that stand for the exact solution.
-        dim: d; the network's own `dim` if None.
         n: samples for each condition.
-        conditions: (m, k); `data.conditions()` if None.
         seed: the same for all four parts.
     """
     check_count(nfe, "nfe")
-    check_count(fine, "fine")
-    size = getattr(network, "dim", None) if dim is None else dim
+    size = data.sample_given(data.conditions()[:1]).shape[1]
 
     def error(sample: metrics.ConditionalSampler) -> float:
         rng = torch.Generator().manual_seed(seed)
-        return metrics.conditional_squared_w2(
-            sample, data, conditions=conditions, n=n, generator=rng
-        )
+        return metrics.conditional_squared_w2(sample, data, n=n, generator=rng)
 
     floor = error(data.sample_given)
-    exact, coarse = (error(sampler(oracle, nfe=steps, dim=size)) for steps in (fine, nfe))
+    exact, coarse = (error(sampler(oracle, nfe=steps, dim=size)) for steps in (FINE, nfe))
     total = error(sampler(network, nfe=nfe, dim=size))
     return ErrorBudget(floor, exact - floor, coarse - exact, total - coarse)

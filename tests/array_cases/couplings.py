@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from array_cases.base import NETWORK, PAIRS, PETALS, X0, X1, C, D, N, add, g, labels, rows
+from array_cases.base import PAIRS, X0, X1, C, D, N, add, g, labels, rows
 from cotlearn import couplings, diagnostics
 
 
@@ -99,11 +99,4 @@ add(
     lambda x1, c: diagnostics.recommend(x1, c, batch_size=16, rows=100, probe_steps=2),
     x1=_x,
     c=_c,
-)
-add(
-    "diagnostics.error_budget",
-    lambda conditions: diagnostics.error_budget(
-        NETWORK, PETALS, PETALS.velocity, nfe=1, fine=2, n=8, conditions=conditions
-    ),
-    conditions=C[:3],
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from array_cases.base import NETWORK, PETALS, X0, X1, C, D, N, add, g
+from array_cases.base import NETWORK, X0, X1, C, D, N, add, g
 from cotlearn import flows, metrics
 from cotlearn.flows import diffusion
 
@@ -35,16 +35,9 @@ add(
 
 add("metrics.squared_w2", metrics.squared_w2, a=X0, b=X1)
 add("metrics.joint_squared_w2", metrics.joint_squared_w2, a=X0, b=X1, c=C)
-add(
-    "metrics.conditional_squared_w2",
-    lambda conditions: metrics.conditional_squared_w2(
-        PETALS.sample_given, PETALS, conditions=conditions, n=8, generator=g()
-    ),
-    conditions=C[:3],
-)
 add("metrics.l2_uvp", metrics.l2_uvp, mapped=X0, truth=X1)
 add("metrics.energy_distance", metrics.energy_distance, a=X0, b=X1)
-add("metrics.straightness", lambda x0, c: metrics.straightness(NETWORK, x0, c, nfe=4), x0=X0, c=C)
+add("metrics.straightness", lambda x0, c: metrics.straightness(NETWORK, x0, c), x0=X0, c=C)
 add("metrics.bootstrap_interval", metrics.bootstrap_interval, values=np.arange(5.0))
 add("metrics.paired_bootstrap", metrics.paired_bootstrap, first=np.eye(3), second=np.ones((3, 3)))
 for _name in ("energy_score", "energy_scores"):

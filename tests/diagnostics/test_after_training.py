@@ -98,7 +98,7 @@ def test_constant_conditions_have_no_weight():
 
 def test_the_budget_of_naive_ot_is_all_coupling():
     naive = Exact(0.0)
-    budget = error_budget(naive, Gaussian(), naive, nfe=2, fine=16, n=800)
+    budget = error_budget(naive, Gaussian(), naive, nfe=2, n=800)
     assert budget.network == 0
     assert budget.discretisation == pytest.approx(0, abs=0.05)  # straight paths
     assert budget.coupling == pytest.approx(PROBLEM.flow(0.0).squared_w2(), rel=0.1)
@@ -107,7 +107,7 @@ def test_the_budget_of_naive_ot_is_all_coupling():
 
 def test_the_budget_of_independent_pairs_is_all_discretisation():
     exact, flow = Exact("independent"), PROBLEM.flow("independent")
-    budget = error_budget(exact, Gaussian(), exact, nfe=1, fine=64, n=800)
+    budget = error_budget(exact, Gaussian(), exact, nfe=1, n=800)
     assert budget.network == 0
     assert budget.coupling == pytest.approx(0, abs=0.05)
     assert budget.discretisation == pytest.approx(flow.squared_w2(1), rel=0.1)
@@ -120,13 +120,13 @@ def test_a_constant_mistake_is_the_network_s():
     def shifted(t, x, c):
         return exact(t, x, c) + torch.tensor([0.6, -0.8])
 
-    budget = error_budget(shifted, Gaussian(), exact, nfe=1, fine=64, dim=2, n=800)
+    budget = error_budget(shifted, Gaussian(), exact, nfe=1, n=800)
     assert budget.network == pytest.approx(1, abs=0.1)
 
 
 def test_parts_sum_to_the_network_s_own_error():
     data, network = mixtures.petals(), VelocityMLP(2, 4, width=8, depth=1, seed=0)
-    budget = error_budget(network, data, data.velocity, nfe=2, fine=16, n=100, seed=3)
+    budget = error_budget(network, data, data.velocity, nfe=2, n=100, seed=3)
     alone = conditional_squared_w2(sampler(network, nfe=2), data, n=100, generator=seeded(3))
     assert budget.total == pytest.approx(alone)
     parts = (budget.floor, budget.coupling, budget.discretisation, budget.network)
@@ -135,8 +135,7 @@ def test_parts_sum_to_the_network_s_own_error():
 
 def test_a_mixture_s_own_field_has_no_network_part():
     data = mixtures.rotating_pair()
-    budget = error_budget(data.velocity, data, data.velocity, nfe=1, fine=16, dim=2, n=100,
-                          conditions=data.conditions(n=3))  # fmt: skip
+    budget = error_budget(data.velocity, data, data.velocity, nfe=1, n=100)
     assert budget.network == 0
     assert budget.discretisation > 0.5
 
@@ -158,13 +157,7 @@ Budget = partial(error_budget, NAIVE, Gaussian(), NAIVE)
             "condition c, got None",
         ),
         (lambda: Budget(nfe=0), ValueError, "nfe must be at least 1"),
-        (lambda: Budget(nfe=1, fine=0), ValueError, "fine must be at least 1"),
         (lambda: Budget(nfe=1, n=0), ValueError, "n must be at least 1"),
-        (
-            lambda: error_budget(lambda t, x, c: x, Gaussian(), NAIVE, nfe=1),
-            ValueError,
-            "dim is missing",
-        ),
     ],
 )
 def test_bad_input(call, error, message):
