@@ -55,11 +55,8 @@ def coverage(pose: ArrayLike) -> Array:
         (...), in [0, 1].
     """
     pose = np.asarray(pose, dtype=np.float64)
-    place = rotate(pose[..., :2] - GOAL[:2], _COS_GOAL, -_SIN_GOAL)
-    points = corners(np.concatenate([place, pose[..., 2:] - GOAL[2]], axis=-1))
-    x, y = points[..., 0], points[..., 1]
-    area = sum(_area_inside(x, y, rectangle) for rectangle in RECTANGLES)
-    return np.clip(area / AREA, 0.0, 1.0)
+    each = [coverage_of_one(*one) for one in pose.reshape(-1, 3).tolist()]
+    return np.array(each).reshape(pose.shape[:-1])
 
 
 def nearest_side(agent: ArrayLike, pose: ArrayLike) -> NDArray[np.int64]:
@@ -77,31 +74,8 @@ def nearest_side(agent: ArrayLike, pose: ArrayLike) -> NDArray[np.int64]:
     return np.asarray(((point - nearest) ** 2).sum(axis=-1).argmin(axis=1), dtype=np.int64)
 
 
-def _area_inside(x: Array, y: Array, rectangle: tuple[float, float, float, float]) -> Array:
-    """Area of polygons with corners x, y of shape (..., m) inside one rectangle."""
-    x0, x1, y0, y1 = rectangle
-    next_x, next_y = np.roll(x, -1, axis=-1), np.roll(y, -1, axis=-1)
-    low, high = np.clip(y, y0, y1), np.clip(next_y, y0, y1)
-    inside = low != high
-    start = x + _ratio(low - y, next_y - y, inside) * (next_x - x)
-    end = x + _ratio(high - y, next_y - y, inside) * (next_x - x)
-    return (_clamped_mean(start, end, x0, x1) * (high - low)).sum(axis=-1)
-
-
-def _clamped_mean(start: Array, end: Array, x0: float, x1: float) -> Array:
-    """Mean of clamp(x, x0, x1) while x goes from `start` to `end`."""
-    first, last = np.clip(start, x0, x1), np.clip(end, x0, x1)
-    # the share of the way that x rests at `first`, less the share that it rests at `last`
-    surplus = _ratio((first - start) - (end - last), end - start, first != last)
-    return (first + last) / 2 + surplus * (first - last) / 2
-
-
-def _ratio(a: Array, b: Array, where: NDArray[np.bool_]) -> Array:
-    return np.divide(a, b, out=np.zeros_like(a), where=where)
-
-
 def coverage_of_one(x: float, y: float, angle: float) -> float:
-    """`coverage` of a single pose, in plain Python: for one pose, ten times as fast."""
+    """`coverage` of a single pose, in plain Python: ten times as fast as with arrays."""
     dx, dy = x - GOAL[0], y - GOAL[1]
     if dx * dx + dy * dy > _REACH * _REACH:
         return 0.0

@@ -12,7 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.robots.experts.push_t import plan
 from cotlearn.robots.experts.push_t.pushes import library, push_targets
-from cotlearn.robots.experts.push_t.route import TURNS, Routes, clearance, distance, step_back
+from cotlearn.robots.experts.push_t.route import (
+    TURNS,
+    Found,
+    Routes,
+    clearance,
+    distance,
+    step_back,
+)
 from cotlearn.robots.plane import rotate
 from cotlearn.robots.push_t import Simulation, corners, random_state, task
 from cotlearn.robots.push_t.task import AGENT_RADIUS, PIXEL, SIZE, SUCCESS, WALL_RADIUS, WALLS
@@ -45,7 +52,7 @@ class Options:
     rows: NDArray[np.int64]
     cost: Array
     probability: Array
-    found: list[Array]
+    found: Found
 
 
 class PushTExpert:

@@ -17,24 +17,27 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import interpn
 
-from cotlearn.robots.experts.push_t.pushes import Pushes, library
-from cotlearn.robots.push_t import GOAL, coverage
-from cotlearn.robots.push_t.task import CENTRE_OF_GRAVITY
+from cotlearn.robots.experts.push_t.pushes import MIDDLE, Pushes, library
+from cotlearn.robots.plane import rotate
+from cotlearn.robots.push_t import GOAL, corners, coverage
 from cotlearn.robots.task import Array
 
-Indices = NDArray[np.int64]
 Single = NDArray[np.float32]
 
-FARTHEST = 320.0  #: pixels
-PLACES, BEND = 35, 4.2  #: nodes along x and y, and how much finer they lie near 0
-TURNS, TURN_BEND = 45, 3.2
+
+def _nodes(farthest: float, count: int, bend: float) -> Array:
+    """Nodes from -farthest to farthest; the larger `bend`, the finer they lie near 0."""
+    return farthest / math.sinh(bend) * np.sinh(bend * np.linspace(-1, 1, count))
+
+
+PLACES = _nodes(320.0, 35, 4.2)  #: of the grid along x and y, pixels
+TURNS = _nodes(math.pi, 45, 3.2)  #: along the angle, radians
 APPROACH = 10.0  #: steps from one push to the next, on average
 ENOUGH = 0.957  #: a plan aims at a little more than the coverage that counts
 CHOSEN = 400  #: pushes that the iteration looks at
 SWEEPS = 20  #: at most; some 11 are enough
-
-_MIDDLE = np.array(CENTRE_OF_GRAVITY)
 
 
 @dataclass(frozen=True)
@@ -42,51 +45,37 @@ class Value:
     """Steps to the goal, interpolated on the grid.
 
     Attributes:
-        table: (PLACES, PLACES, TURNS) for x, y and angle.
+        table: (35, 35, 45) at `PLACES`, `PLACES` and `TURNS`.
     """
 
     table: Array
 
     def __call__(self, relative: Array) -> Array:
-        """(n,), the value of relative poses (n, 3)."""
-        x, wx = _cell(relative[:, 0], FARTHEST, PLACES, BEND)
-        y, wy = _cell(relative[:, 1], FARTHEST, PLACES, BEND)
-        t, wt = _cell(_wrap(relative[:, 2]), math.pi, TURNS, TURN_BEND)
-        total = np.zeros(len(relative))
-        flat = self.table.ravel()
-        for i, share_x in ((x, 1 - wx), (x + 1, wx)):
-            for j, share_y in ((y, 1 - wy), (y + 1, wy)):
-                row = (i * PLACES + j) * TURNS
-                share = share_x * share_y
-                total += share * ((1 - wt) * flat[row + t] + wt * flat[row + t + 1])
-        return total
+        """(n,), the value of relative poses (n, 3); of those beyond the grid, at its edge."""
+        places = relative[:, :2].clip(PLACES[0], PLACES[-1])
+        turns = _wrap(relative[:, 2]).clip(TURNS[0], TURNS[-1])
+        at = np.column_stack([places, turns])
+        return np.asarray(interpn((PLACES, PLACES, TURNS), self.table, at))
 
 
 def relative_pose(pose: Array) -> Array:
     """(3,), the pose of the T relative to the goal."""
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    cos_goal, sin_goal = math.cos(GOAL[2]), math.sin(GOAL[2])
-    dx = pose[0] - sin * _MIDDLE[1] - (GOAL[0] - sin_goal * _MIDDLE[1])
-    dy = pose[1] + cos * _MIDDLE[1] - (GOAL[1] + cos_goal * _MIDDLE[1])
-    x, y = cos_goal * dx + sin_goal * dy, cos_goal * dy - sin_goal * dx
-    return np.array([x, y, float(_wrap(np.array(pose[2] - GOAL[2])))])
+    away = corners(pose, [MIDDLE])[0] - corners(GOAL, [MIDDLE])[0]
+    place = rotate(away, math.cos(GOAL[2]), -math.sin(GOAL[2]))
+    return np.array([*place, _wrap(pose[2] - GOAL[2])])
 
 
 def world_pose(relative: Array) -> Array:
     """(n, 3), the poses in the world of relative poses (n, 3): undoes `relative_pose`."""
     angle = relative[:, 2] + GOAL[2]
-    cos_goal, sin_goal = math.cos(GOAL[2]), math.sin(GOAL[2])
-    x = GOAL[0] + cos_goal * relative[:, 0] - sin_goal * (relative[:, 1] + _MIDDLE[1])
-    y = GOAL[1] + sin_goal * relative[:, 0] + cos_goal * (relative[:, 1] + _MIDDLE[1])
-    return np.stack([x + np.sin(angle) * _MIDDLE[1], y - np.cos(angle) * _MIDDLE[1], angle], axis=1)
+    middle = corners(GOAL, relative[:, :2] + MIDDLE)
+    return np.column_stack([middle - rotate(MIDDLE, np.cos(angle), np.sin(angle)), angle])
 
 
 def after(relative: Array, pushes: Pushes) -> Array:
     """(m, 3), the relative poses after each of m pushes at the relative pose (3,)."""
-    cos, sin = math.cos(relative[2]), math.sin(relative[2])
-    x = relative[0] + cos * pushes.shift[:, 0] - sin * pushes.shift[:, 1]
-    y = relative[1] + sin * pushes.shift[:, 0] + cos * pushes.shift[:, 1]
-    return np.stack([x, y, relative[2] + pushes.turn], axis=1)
+    shift = rotate(pushes.shift, math.cos(relative[2]), math.sin(relative[2]))
+    return np.column_stack([relative[:2] + shift, relative[2] + pushes.turn])
 
 
 def reached(relative: Array) -> NDArray[np.bool_]:
@@ -102,14 +91,12 @@ def reached(relative: Array) -> NDArray[np.bool_]:
 def value() -> Value:
     """The value of every pose, by value iteration over a part of the library (6 s)."""
     pushes = _spread_out(library(), CHOSEN)
-    places = _nodes(FARTHEST, PLACES, BEND)
-    turns = _nodes(math.pi, TURNS, TURN_BEND)
-    grid = np.stack(np.meshgrid(places, places, turns, indexing="ij"), axis=-1)
+    grid = np.stack(np.meshgrid(PLACES, PLACES, TURNS, indexing="ij"), axis=-1)
     at_goal = reached(grid.reshape(-1, 3)).reshape(grid.shape[:3])
     table = np.hypot(grid[..., 0], grid[..., 1]) / 8 + np.abs(grid[..., 2]) * 10 + APPROACH
     table[at_goal] = 0.0
     table = table.astype(np.float32)  # in single precision it is twice as fast
-    moves = [_moves(angle, pushes, places) for angle in turns]
+    moves = [_move(angle, pushes) for angle in TURNS]
     cost = (pushes.steps + APPROACH).astype(np.float32)[:, None, None]
     for _ in range(SWEEPS):
         best = np.stack([_improved(table, move, cost) for move in moves], axis=2)
@@ -121,40 +108,36 @@ def value() -> Value:
     return Value(table.astype(np.float64))
 
 
-Move = tuple[Indices, Array, Indices, Array, Indices, Array, Indices]
+Move = tuple[Single, Single, Single, tuple[NDArray[np.int64], ...]]
 
 
-def _moves(angle: float, pushes: Pushes, places: Array) -> Move:
-    """Where each push leads from all places, at one angle; x, y and angle go separately."""
-    zero = after(np.array([0.0, 0.0, angle]), pushes)
-    x, wx = _cell(places + zero[:, 0, None], FARTHEST, PLACES, BEND)  # (m, PLACES)
-    y, wy = _cell(places + zero[:, 1, None], FARTHEST, PLACES, BEND)
-    t, wt = _cell(_wrap(zero[:, 2]), math.pi, TURNS, TURN_BEND)
-    near = np.abs(_wrap(zero[:, 2])) < 0.15
-    m, i, j = np.nonzero(
-        near[:, None, None]
-        & (np.abs(places + zero[:, 0, None]) < 8.0)[:, :, None]
-        & (np.abs(places + zero[:, 1, None]) < 8.0)[:, None, :]
-    )
-    relative = np.stack([places[i] + zero[m, 0], places[j] + zero[m, 1], zero[m, 2]], axis=1)
-    return x, wx, y, wy, t, wt, np.stack([m, i, j], axis=1)[reached(relative)]
+def _move(angle: float, pushes: Pushes) -> Move:
+    """Where each push leads from all places, at one angle.
+
+    That is the weights of the nodes along x, y and angle after it, (m, 35, 35) twice and (m, 45),
+    and for which pushes and nodes it reaches the goal.
+    """
+    x, y, turn = after(np.array([0.0, 0.0, angle]), pushes).T
+    x, y = x[:, None] + PLACES, y[:, None] + PLACES
+    moved = np.broadcast_arrays(x[:, :, None], y[:, None, :], turn[:, None, None])
+    done = reached(np.stack(moved, axis=-1).reshape(-1, 3)).reshape(moved[0].shape)
+    weights = _weights(x, PLACES), _weights(y, PLACES), _weights(_wrap(turn), TURNS)
+    return *weights, np.nonzero(done)
 
 
 def _improved(table: Single, move: Move, cost: Single) -> Single:
-    """(PLACES, PLACES), the least cost over the pushes, at one angle."""
-    x, wx, y, wy, t, wt, done = move
-    share = wt.astype(np.float32)[:, None, None]
-    by_turn = np.ascontiguousarray(table.transpose(2, 0, 1))
-    slab = by_turn[t] * (1 - share) + by_turn[t + 1] * share
-    share = wx.astype(np.float32)[:, :, None]
-    rows = np.arange(len(x))[:, None]
-    slab = slab[rows, x] * (1 - share) + slab[rows, x + 1] * share
-    share = wy.astype(np.float32)[:, None, :]
-    low = np.take_along_axis(slab, y[:, None, :], axis=2)
-    high = np.take_along_axis(slab, y[:, None, :] + 1, axis=2)
-    future = low * (1 - share) + high * share
-    future[tuple(done.T)] = 0.0
-    return (future + cost).min(axis=0)
+    """(35, 35), the least cost over the pushes, at one angle."""
+    x, y, turn, done = move
+    future = x @ np.tensordot(turn, table, axes=(1, 2)) @ y.swapaxes(1, 2)
+    future[done] = 0.0
+    best: Single = (future + cost).min(axis=0)
+    return best
+
+
+def _weights(values: Array, nodes: Array) -> Single:
+    """(..., nodes), linear interpolation at values (...), or at the end that is nearer."""
+    each = [np.interp(values, nodes, node) for node in np.eye(len(nodes))]
+    return np.stack(each, axis=-1).astype(np.float32)
 
 
 def _spread_out(pushes: Pushes, count: int) -> Pushes:
@@ -173,22 +156,6 @@ def _spread_out(pushes: Pushes, count: int) -> Pushes:
         else:
             high = width
     return pushes[np.sort(order[first])]
-
-
-def _nodes(farthest: float, count: int, bend: float) -> Array:
-    return farthest / math.sinh(bend) * np.sinh(bend * np.linspace(-1, 1, count))
-
-
-def _cell(
-    value: Array, farthest: float, count: int, bend: float
-) -> tuple[NDArray[np.int64], Array]:
-    """The node below a value, and the share of the next one."""
-    place = np.arcsinh(value * (math.sinh(bend) / farthest)) / bend
-    place = np.clip((place + 1) / 2 * (count - 1), 0.0, count - 1.001)
-    node = place.astype(np.int64)
-    nodes = _nodes(farthest, count, bend)
-    share = (value - nodes[node]) / (nodes[node + 1] - nodes[node])
-    return node, np.clip(share, 0.0, 1.0)
 
 
 def _wrap(angle: Array) -> Array:

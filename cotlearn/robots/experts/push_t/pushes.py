@@ -28,7 +28,7 @@ AHEAD = 28.0  #: the target runs this far ahead of the agent while it pushes, pi
 CLOSE = 1.5  #: a push is over this close to its end, pixels
 MOST_STEPS = 30
 
-_MIDDLE = np.array(CENTRE_OF_GRAVITY)
+MIDDLE = np.array(CENTRE_OF_GRAVITY)  #: of the T, in its frame
 
 
 @dataclass(frozen=True)
@@ -85,14 +85,11 @@ def library() -> Pushes:
     table = np.array(rows)
     mirrored = table.copy()
     mirrored[:, [0, 2, 5, 7]] *= -1
-    mirrored[:, 9] = np.array(_MIRRORED_SIDE)[table[:, 9].astype(int)]
+    mirrored[:, 9] = -table[:, 9] % 8  # sides are numbered around the T, from the bar's edge
     table = np.concatenate([table, mirrored[table[:, 0] > 0]])
     start, direction, shift = table[:, 0:2], table[:, 2:4], table[:, 5:7]
     length, turn, steps, side = table[:, [4, 7, 8, 9]].T
     return Pushes(start, direction, length, shift, turn, steps, side.astype(np.int64))
-
-
-_MIRRORED_SIDE = (0, 7, 6, 5, 4, 3, 2, 1)  # sides are numbered around the T, from the bar's edge
 
 
 def _starts() -> list[tuple[Array, Array, int]]:
@@ -119,4 +116,4 @@ def _simulate(start: Array, direction: Array, length: float) -> tuple[Array, flo
         world.step(*target.tolist())
         steps += 1
     pose = world.state[2:]
-    return corners(pose, [_MIDDLE])[0] - (here + _MIDDLE), pose[2], steps
+    return corners(pose, [MIDDLE])[0] - (here + MIDDLE), pose[2], steps

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import dijkstra
 
 from cotlearn.robots.push_t.task import AGENT_RADIUS, OUTLINE, RECTANGLES
 from cotlearn.robots.task import Array
@@ -18,6 +19,9 @@ _OUTWARDS = np.array([(-1, -1), (1, -1), (1, 1), (1, 1), (-1, 1), (-1, 1)])
 #: Shortest ways turn only at the six outer corners of the T.
 TURNS = _CORNERS[[0, 1, 2, 4, 5, 7]] + _MARGIN * _OUTWARDS
 _AROUND = np.array([(math.cos(a), math.sin(a)) for a in np.arange(24) * (2 * math.pi / 24)])
+
+#: (7, s), the lengths of ways over the agent (direct) or a turning point last; before each, which.
+Found = tuple[Array, NDArray[np.int32]]
 
 
 def distance(points: Array) -> Array:
@@ -78,7 +82,7 @@ class Routes:
         self._between = _legs(TURNS, TURNS)  # (6, 6)
         self._last = _legs(TURNS, places)  # (6, s)
 
-    def lengths(self, agent: Array, usable: NDArray[np.bool_]) -> tuple[Array, list[Array]]:
+    def lengths(self, agent: Array, usable: NDArray[np.bool_]) -> tuple[Array, Found]:
         """Lengths of the shortest ways from `agent` to all places, inf where there is none.
 
         Args:
@@ -88,31 +92,21 @@ class Routes:
         Returns:
             (s,), and what `way` needs to find the way itself.
         """
-        between = np.where(usable[:, None] & usable, self._between, np.inf)
-        np.fill_diagonal(between, 0.0)
-        for turn in range(len(TURNS)):  # Floyd and Warshall
-            between = np.minimum(between, between[:, turn, None] + between[turn])
-        last = np.where(usable[:, None], self._last, np.inf)
-        first = np.where(usable, _legs(agent[None], TURNS)[0], np.inf)
-        direct = _legs(agent[None], self.places)[0]
-        reach = (first[:, None] + between).min(axis=0)  # from the agent to each turn
-        total = np.minimum(direct, (reach[:, None] + last).min(axis=0))
-        return total, [first, between, reach, last, direct]
+        legs = np.full((7, 7), np.inf)  # from the agent and the turning points, in this order
+        legs[0, 1:] = np.where(usable, _legs(agent[None], TURNS)[0], np.inf)
+        legs[1:, 1:] = np.where(usable[:, None] & usable, self._between, np.inf)
+        reach, before = dijkstra(legs, indices=0, return_predecessors=True)
+        last = np.vstack([_legs(agent[None], self.places), self._last])
+        through = reach[:, None] + last
+        return through.min(axis=0), (through, before)
 
-    def way(self, place: int, found: list[Array]) -> Array:
+    def way(self, place: int, found: Found) -> Array:
         """(k, 2), the turning points between the agent and a place, for what `lengths` found."""
-        first, between, reach, last, direct = found
-        through = reach + last[:, place]
-        if direct[place] <= through.min():
-            return np.empty((0, 2))
-        goal = int(through.argmin())
-        here = int((first + between[:, goal]).argmin())
-        path = [here]
-        while here != goal:
-            onward = self._between[here] + between[:, goal]
-            onward[here] = np.inf
-            here = int(onward.argmin())
-            path.append(here)
+        through, before = found
+        here, path = int(through[:, place].argmin()), []
+        while here > 0:
+            path.insert(0, here - 1)
+            here = int(before[here])
         return TURNS[path]
 
 
