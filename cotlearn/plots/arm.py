@@ -30,7 +30,7 @@ def arm_paths(
     Args:
         paths: (n, T, 3), metres.
         state: (columns,): tip, goal and pillars, as `cotlearn.robots.arm.columns` has them.
-        modes: (n,), the homotopy class of each path, which colours it; -1, a failure, is grey,
+        modes: (n,), the mode of each path, which colours it; -1, a failure, is grey,
             dashed and ends in a cross.
         ax: where to draw; a new figure by default.
         title: words above the panel.

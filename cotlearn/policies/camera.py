@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Loss
 from cotlearn.flows.networks import ImageEncoder, ResidualMLP
-from cotlearn.robots.push_t.camera import AGENT, PLACE, TURN, Camera
+from cotlearn.robots.push_t.camera import AGENT, PLACE, SCENE, TURN, Camera
 from cotlearn.robots.push_t.task import GOAL, SIZE
 from cotlearn.validation import check_count
 
@@ -48,7 +48,7 @@ class CameraNetwork(nn.Module):
     ) -> None:
         super().__init__()
         self.camera = camera if isinstance(camera, Camera) else Camera(**camera)
-        self.dim, self.condition_dim = dim, self.camera.scene_dim
+        self.dim, self.condition_dim = dim, self.camera.observe * SCENE
         self.features = check_count(features, "features", minimum=0)
         self.encoder = ImageEncoder(POSE + features, seed=seed)
         self.head = TurnedMLP(dim, features, self.camera.observe, seed=seed, **options)

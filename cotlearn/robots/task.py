@@ -151,6 +151,24 @@ class Task:
         return self.title.lower()
 
 
+def chosen_start(options: Mapping[str, Any] | None, limits: ArrayLike) -> Array | None:
+    """The state at which `env.reset(options={"state": ...})` shall start; None without options.
+
+    Args:
+        options: of `env.reset`.
+        limits: (2, columns), the smallest and the largest values of a state.
+
+    Raises:
+        TypeError: the state is not made of real numbers.
+        ValueError: there is anything else in `options`, or the state does not fit.
+    """
+    if not options:
+        return None
+    if set(options) != {"state"}:
+        raise ValueError(f"options must be {{'state': ...}} or None, got {options!r}")
+    return check_numbers(options["state"], limits, "state", shape=np.shape(limits)[1:])
+
+
 def check_numbers(values: Any, limits: ArrayLike, name: str, *, shape: tuple[int, ...]) -> Array:
     """Returns actions or a state as float64 if they are finite, within limits and of this shape.
 

@@ -7,7 +7,7 @@ import pytest
 
 from cotlearn.robots.arm import MODES, ArmVectorSim, random_start, solve
 from cotlearn.robots.arm import model as models
-from cotlearn.robots.arm.modes import homotopy_class
+from cotlearn.robots.arm.modes import mode_of_path
 from cotlearn.robots.arm.task import GOAL, HIGH, KINDS, LOW, MAX_STEPS, TIP, columns, pillars
 
 
@@ -185,7 +185,7 @@ def test_starts_that_cannot_be():
         ArmVectorSim(start(tip_z=-0.03), "ring")
 
 
-def test_homotopy_classes():
+def test_modes_of_paths():
     states = np.tile(start(tip_x=0.3, tip_y=0, goal_x=0.7, goal_y=0), (6, 21, 1))[:5]
     states[..., 6:] = [0.5, 0.0, 0.04, 0.15]
     t = np.linspace(0, 1, 21)
@@ -194,7 +194,7 @@ def test_homotopy_classes():
     states[0, :, 1], states[1, :, 1], states[2, :, 2] = 0.1 * bump, -0.1 * bump, 0.25 * bump
     states[3, :, 1], states[3, :, 2] = 0.1 * bump, 0.16 * bump  # higher than the pillar, but beside
     states[4, :, 0] = 0.3  # never passes
-    assert homotopy_class(states, "ring").tolist() == [0, 1, 2, 0, -1]
+    assert mode_of_path(states, "ring").tolist() == [0, 1, 2, 0, -1]
 
     state = random_start(np.random.default_rng(0), "avoid")
     posts = pillars(state)
@@ -206,8 +206,8 @@ def test_homotopy_classes():
         path[1, 1] = (edges[0][first] + edges[0][first + 1]) / 2
         path[2, 1] = (edges[1][second] + edges[1][second + 1]) / 2
         path[3, :3] = state[GOAL]
-        assert homotopy_class(path[None], "avoid").tolist() == [mode]
-        assert homotopy_class(path[None, :3] - [0.02, *[0] * 25], "avoid").tolist() == [-1]
+        assert mode_of_path(path[None], "avoid").tolist() == [mode]
+        assert mode_of_path(path[None, :3] - [0.02, *[0] * 25], "avoid").tolist() == [-1]
     assert len(MODES["avoid"]) == 12
 
 

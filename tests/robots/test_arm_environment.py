@@ -219,7 +219,7 @@ def test_the_whole_arm_is_in_the_picture(kind, camera):
         ArmVectorSim(_ends(generator, kind), kind),
     ):
         for index in range(20):
-            model, data = sim.model_and_data(index)
+            model, data = sim.models[index], sim.data[index]
             at, turn = data.camera(camera).xpos, data.camera(camera).xmat.reshape(3, 3)
             seen = (skeleton(data.qpos[None])[0] - at) @ turn
             reach = -seen[:, 2] * np.tan(np.radians(model.camera(camera).fovy[0] / 2))
@@ -239,7 +239,7 @@ def test_the_whole_arm_is_in_the_drawing(monkeypatch):
     for camera in ("front", "above"):
         env = Arm("avoid", render_mode="rgb_array", camera=camera)
         env.reset(seed=0)
-        model, data = env._sim.model_and_data(0)
+        model, data = env._sim.models[0], env._sim.data[0]
         painter = rendering.Painter(model, (320, 240), camera)
         image = painter.paint(model, data, env._sim.states[0])
         dark = (image.astype(int).sum(axis=-1) < 300) & (np.ptp(image, axis=-1) < 40)
@@ -303,7 +303,7 @@ def test_an_opengl_that_cannot_be_opened_in_this_process_is_replaced(monkeypatch
     monkeypatch.setattr(rendering, "backend", lambda: "egl")
     monkeypatch.setattr(rendering.Painter, "_open", fail)
     sim = ArmVectorSim.from_seeds([0], "ring")
-    model, data = sim.model_and_data(0)
+    model, data = sim.models[0], sim.data[0]
     painter = rendering.Painter(model, (100, 80), "front")
     assert painter.how == "matplotlib"
     assert painter.paint(model, data, sim.states[0]).shape == (80, 100, 3)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from cotlearn import assets, cli
 from cotlearn.robots.arm import MODES, ArmVectorSim, random_start
 from cotlearn.robots.arm.definition import ARM_AVOID, ARM_RING
-from cotlearn.robots.arm.modes import homotopy_class
+from cotlearn.robots.arm.modes import mode_of_path
 from cotlearn.robots.arm.task import GOAL, KINDS, MAX_STEPS, SUCCESS, TIP, UNIT, columns, pillars
 from cotlearn.robots.episodes import read
 from cotlearn.robots.episodes.npz import read_arrays, write_arrays
@@ -83,7 +83,7 @@ def test_every_mode_has_a_path_that_is_clear(kind):
         assert clearance(path, pillars(state)).min() >= CLEARANCE - 1e-3
         tips = np.tile(state, (MAX_STEPS + 1, 1))
         tips[1:, TIP] = path
-        assert homotopy_class(tips[None], kind)[0] == number % ways
+        assert mode_of_path(tips[None], kind)[0] == number % ways
 
 
 def test_via_points_differ_from_draw_to_draw():

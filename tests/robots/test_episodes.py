@@ -7,7 +7,6 @@ import pytest
 from cotlearn.robots.episodes import read, split, write_lerobot
 from cotlearn.robots.episodes.lerobot import pose_of
 from cotlearn.robots.episodes.npz import write_arrays
-from cotlearn.robots.episodes.replay import read_replay_buffer
 from cotlearn.robots.push_t import corners
 from cotlearn.robots.push_t.task import KEYPOINTS, PIXEL, TURN
 
@@ -239,4 +238,4 @@ def test_a_missing_package_is_named(monkeypatch, tmp_path):
     (tmp_path / "x.zarr").mkdir()
     monkeypatch.setattr(importlib, "import_module", missing)
     with pytest.raises(ModuleNotFoundError, match=r"zarr is not installed.*cotlearn\[formats\]"):
-        read_replay_buffer(tmp_path / "x.zarr")
+        read(tmp_path / "x.zarr")

@@ -11,4 +11,6 @@ from cotlearn.robots.arm.task import MODES
 
 __all__ = ["MODES", "ArmVectorSim", "GoalFrame", "forward", "random_start", "skeleton", "solve"]
 
-__getattr__ = renamed(__name__, {"WAYS": "MODES"})
+__getattr__ = renamed(
+    __name__, {"WAYS": "MODES", "way_round": "cotlearn.robots.arm.modes:mode_of_path"}
+)

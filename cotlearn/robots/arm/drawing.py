@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from numpy.typing import NDArray
 
 from cotlearn.robots.arm.task import GOAL, pillars
 from cotlearn.robots.task import Array
@@ -26,6 +28,25 @@ def arm_space(figure: Figure) -> Any:
     width, height = figure.get_size_inches()
     wide, high = max(width, height) / width, max(width, height) / height
     return figure.add_axes(((1 - wide) / 2, (1 - high) / 2, wide, high), projection="3d")
+
+
+def draw_picture(
+    points: Array, state: Array, size: tuple[int, int], view: str
+) -> NDArray[np.uint8]:
+    """A picture (height, width, 3) of what `draw_arm` draws, without the axes.
+
+    Args:
+        points: as for `draw_arm`.
+        state: as for `draw_arm`.
+        size: width and height, pixels.
+        view: a key of `VIEWS`.
+    """
+    figure = Figure(figsize=(size[0] / 100, size[1] / 100), dpi=100)
+    canvas, ax = FigureCanvasAgg(figure), arm_space(figure)
+    draw_arm(ax, points, state, view=view, zoom=0.85 if view == "above" else 1.05)
+    ax.set_axis_off()
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())[..., :3].copy()
 
 
 def draw_arm(ax: Any, points: Array, state: Array, *, view: str = "front", zoom: float = 1) -> None:

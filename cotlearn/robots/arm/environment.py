@@ -13,11 +13,8 @@ from cotlearn.robots.arm import task
 from cotlearn.robots.arm.kinematics import LOWER, UPPER
 from cotlearn.robots.arm.rendering import Painter
 from cotlearn.robots.arm.simulation import ArmVectorSim, random_start
-from cotlearn.robots.task import Array, check_numbers
+from cotlearn.robots.task import Array, check_numbers, chosen_start
 from cotlearn.validation import check_choice, check_count
-
-ACTIONS = ("tip", "joints")
-CAMERAS = ("front", "above", "wrist")
 
 
 class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
@@ -61,11 +58,11 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
         camera: str = "front",
     ) -> None:
         self.kind = check_choice(kind, "kind", task.KINDS)
-        self.action_type = check_choice(action_type, "action_type", ACTIONS)
+        self.action_type = check_choice(action_type, "action_type", ("tip", "joints"))
         if render_mode is not None:
             check_choice(render_mode, "render_mode", ("rgb_array",))
         self.render_mode = render_mode
-        self.camera = check_choice(camera, "camera", CAMERAS)
+        self.camera = check_choice(camera, "camera", ("front", "above", "wrist"))
         self.size = check_count(width, "width"), check_count(height, "height")
         if width > task.PICTURE[0] or height > task.PICTURE[1]:
             raise ValueError(f"width and height must be at most {task.PICTURE}, got {self.size}")
@@ -91,7 +88,13 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
             ValueError: `options` holds anything else, or a start that cannot be.
         """
         super().reset(seed=seed)
-        self._sim = ArmVectorSim(self._start(options)[None], self.kind)
+        state = chosen_start(options, self._state_limits)
+        if state is None:
+            state = random_start(self.np_random, self.kind)
+        radius, height = task.pillars(state)[:, 2:].T
+        if not ((radius > 0) & (height > radius)).all():
+            raise ValueError(f"state: pillars need 0 < radius < height, got {radius}, {height}")
+        self._sim = ArmVectorSim(state[None], self.kind)
         return self._sim.states[0], self._info()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -114,28 +117,16 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
         """A picture (height, width, 3); None without a mode."""
         if self.render_mode is None:
             return None
-        model, data = self._sim.model_and_data(0)
+        sim = self._sim
         if self._painter is None:
-            self._painter = Painter(model, self.size, self.camera)
-        return self._painter.paint(model, data, self._sim.states[0])
+            self._painter = Painter(sim.models[0], self.size, self.camera)
+        return self._painter.paint(sim.models[0], sim.data[0], sim.states[0])
 
     def close(self) -> None:
         """Frees what rendering holds; may be called twice."""
         if self._painter is not None:
             self._painter.close()
             self._painter = None
-
-    def _start(self, options: dict[str, Any] | None) -> Array:
-        if not options:
-            return random_start(self.np_random, self.kind)
-        if set(options) != {"state"}:
-            raise ValueError(f"options must be {{'state': ...}} or None, got {options!r}")
-        limits = self._state_limits
-        state = check_numbers(options["state"], limits, "state", shape=limits[0].shape)
-        radius, height = task.pillars(state)[:, 2:].T
-        if not ((radius > 0) & (height > radius)).all():
-            raise ValueError(f"state: pillars need 0 < radius < height, got {radius}, {height}")
-        return state
 
     def _info(self) -> dict[str, Any]:
         found = {name: values[0] for name, values in self._sim.outcomes().items()}

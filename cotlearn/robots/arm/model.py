@@ -12,7 +12,6 @@ from xml.etree import ElementTree
 from cotlearn.robots.arm.task import GOAL, pillars
 from cotlearn.robots.task import Array
 
-_NO_OPENGL = "disable"
 _MJCF = Path(__file__).with_name("arm.xml").read_text(encoding="utf-8")
 
 
@@ -31,13 +30,13 @@ def mujoco() -> Any:
         raise ModuleNotFoundError(hint, name=error.name) from error
     except (ImportError, AttributeError, RuntimeError):
         # the OpenGL that MUJOCO_GL asks for is not there, and some versions import it at once
-        if wanted in (None, _NO_OPENGL):
+        if wanted is None:
             raise
-        os.environ["MUJOCO_GL"] = _NO_OPENGL
+        os.environ["MUJOCO_GL"] = "disable"
         try:
             return importlib.import_module("mujoco")
         finally:
-            os.environ["MUJOCO_GL"] = str(wanted)
+            os.environ["MUJOCO_GL"] = wanted
 
 
 def model_of(state: Array) -> Any:

@@ -1,4 +1,4 @@
-"""The mode of a path: on which side of the pillars it passes (its homotopy class)."""
+"""The mode of a path: which way the tip passes the pillars."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from cotlearn.robots.arm.task import GOAL, ROWS, TIP, pillars
 from cotlearn.robots.task import Array
 
 
-def homotopy_class(paths: Array, kind: str) -> NDArray[np.int64]:
-    """The number in `task.MODES[kind]` of each path's homotopy class, -1 where it has none.
+def mode_of_path(paths: Array, kind: str) -> NDArray[np.int64]:
+    """The mode of each path, a number in `task.MODES[kind]`: which way the tip passes the pillars.
 
-    It is decided where the path passes a row of pillars for the last time. In "ring" that is the
-    plane through the pillar across the direction from start to goal; the path went over the pillar
-    if it is clearer of it upwards than sideways there, and else left or right. In "avoid" it is
-    the plane x = the middle of the row; the gap is the number of pillars with a smaller y.
+    It is decided where the path passes a row of pillars for the last time; -1 where it does not
+    pass a row, or turns back. In "ring" a row is the plane through the pillar across the direction
+    from start to goal; the path went over the pillar if it is clearer of it upwards than sideways
+    there, and else left or right. In "avoid" it is the plane x = the middle of the row; the gap is
+    the number of pillars with a smaller y.
 
     Args:
         paths: (n, T, columns), states.

@@ -27,7 +27,6 @@ Image = NDArray[np.uint8]
 
 BACKENDS = {"Linux": ("egl", "osmesa"), "Darwin": ("cgl",), "Windows": ("glfw",)}
 DRAWN = "matplotlib"
-_DRAWN_CAMERAS = ("front", "above")
 _TRIAL = """
 import importlib, sys, mujoco
 context = importlib.import_module("mujoco." + sys.argv[1]).GLContext(64, 64)
@@ -80,17 +79,15 @@ class Painter:
         self.how = backend()
         self._model, self._size, self._camera = model, size, camera
         self._context: Any = None
+        self._picture: Any = None
         if self.how != DRAWN:
             try:
                 self._open()
             except (ImportError, RuntimeError, AttributeError):
                 self.close()  # this process uses another kind of OpenGL already
                 self.how = DRAWN
-        if self.how == DRAWN and camera not in _DRAWN_CAMERAS:
-            raise RuntimeError(
-                f"camera {camera!r} needs OpenGL, which does not work here; "
-                f"{' and '.join(_DRAWN_CAMERAS)} are drawn without"
-            )
+        if self.how == DRAWN and camera == "wrist":
+            raise RuntimeError("camera 'wrist' needs OpenGL, which does not work here")
 
     def _open(self) -> None:
         # not mujoco.Renderer, whose OpenGL is chosen when mujoco is imported
@@ -110,7 +107,9 @@ class Painter:
     def paint(self, model: Any, data: Any, state: Array) -> Image:
         """A picture (height, width, 3) of an `MjModel` with its `MjData`, in `state` (columns,)."""
         if self._context is None:
-            return self._draw(skeleton(data.qpos[None])[0], state)
+            from cotlearn.robots.arm.drawing import draw_picture  # late: it loads matplotlib
+
+            return draw_picture(skeleton(data.qpos[None])[0], state, self._size, self._camera)
         engine, (width, height) = mujoco(), self._size
         self._context.make_current()
         category = engine.mjtCatBit.mjCAT_ALL.value
@@ -121,25 +120,9 @@ class Painter:
         engine.mjr_readPixels(image, None, area, self._picture)
         return np.ascontiguousarray(image[::-1])
 
-    def _draw(self, points: Array, state: Array) -> Image:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        from cotlearn.robots.arm.drawing import arm_space, draw_arm
-
-        width, height = self._size
-        figure = Figure(figsize=(width / 100, height / 100), dpi=100)
-        canvas, ax = FigureCanvasAgg(figure), arm_space(figure)
-        zoom = 0.85 if self._camera == "above" else 1.05
-        draw_arm(ax, points, state, view=self._camera, zoom=zoom)
-        ax.set_axis_off()
-        canvas.draw()
-        return np.array(canvas.buffer_rgba())[..., :3].copy()
-
     def close(self) -> None:
         """Frees what the graphics library holds; may be called twice."""
-        if self._context is not None:
-            if hasattr(self, "_picture"):
-                self._picture.free()
-            self._context.free()
-            self._context = None
+        for part in (self._picture, self._context):
+            if part is not None:
+                part.free()
+        self._picture = self._context = None

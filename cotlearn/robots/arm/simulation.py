@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from cotlearn.robots.arm import task
 from cotlearn.robots.arm.kinematics import LOWER, SPEED, UPPER, solve
 from cotlearn.robots.arm.model import model_of, mujoco
-from cotlearn.robots.arm.modes import homotopy_class
+from cotlearn.robots.arm.modes import mode_of_path
 from cotlearn.robots.task import Array
 
 
@@ -57,10 +56,10 @@ class ArmVectorSim:
 
     def __init__(self, states: Array, kind: str) -> None:
         self.kind, self._states, self._engine = kind, states.copy(), mujoco()
-        self._models = [model_of(state) for state in states]
-        self._data = [self._engine.MjData(model) for model in self._models]
-        self._site = self._models[0].site("tip").id
-        self._lag = -self._models[0].actuator_biasprm[:, 2] / self._models[0].actuator_gainprm[:, 0]
+        self.models = [model_of(state) for state in states]  #: (n,), `MjModel`
+        self.data = [self._engine.MjData(model) for model in self.models]  #: (n,), `MjData`
+        self._site = self.models[0].site("tip").id
+        self._lag = -self.models[0].actuator_biasprm[:, 2] / self.models[0].actuator_gainprm[:, 0]
         self._place("goal", states[:, task.GOAL])
         self._place("tip", states[:, task.TIP])
         n = len(states)
@@ -81,7 +80,7 @@ class ArmVectorSim:
         """Puts the tools there, and complains where that cannot be."""
         found = solve(targets)
         self.joints = found.joints  #: (n, 7), where the joints are led
-        for index, (data, joints) in enumerate(zip(self._data, found.joints, strict=True)):
+        for index, (data, joints) in enumerate(zip(self.data, found.joints, strict=True)):
             what = f"the {name} {targets[index].round(4).tolist()} of states[{index}]"
             if not found.reached[index]:
                 raise ValueError(
@@ -89,14 +88,14 @@ class ArmVectorSim:
                 )
             data.qpos[:] = joints
             data.ctrl[:] = joints
-            self._engine.mj_forward(self._models[index], data)
+            self._engine.mj_forward(self.models[index], data)
             if data.ncon:
                 raise ValueError(f"{what} is in {self.touched()[index]}")
 
     @property
     def states(self) -> Array:
         """(n, columns), see `task.columns`."""
-        for state, data in zip(self._states, self._data, strict=True):
+        for state, data in zip(self._states, self.data, strict=True):
             state[task.TIP] = data.site_xpos[self._site]
         return self._states.copy()
 
@@ -141,9 +140,10 @@ class ArmVectorSim:
         - "unreachable": control steps whose target was out of reach;
         - "mode": the number in `task.MODES`, -1 without a success.
         """
-        error = self._goal_error()
+        states = self.states
+        error = np.linalg.norm(states[:, task.TIP] - states[:, task.GOAL], axis=1)
         success = self.done & ~self._collision & (error <= task.SUCCESS)
-        mode = np.where(success, homotopy_class(self._paths, self.kind), -1)
+        mode = np.where(success, mode_of_path(self._paths, self.kind), -1)
         return {
             "success": success.astype(np.float64),
             "collision": self._collision.astype(np.float64),
@@ -152,16 +152,11 @@ class ArmVectorSim:
             "mode": mode.astype(np.float64),
         }
 
-    def model_and_data(self, index: int) -> tuple[Any, Any]:
-        """The `MjModel` and the `MjData` of one simulation, for pictures."""
-        return self._models[index], self._data[index]
-
     def touched(self) -> list[str]:
         """(n,), what is touched, "" for nothing."""
         found = []
-        for model, data in zip(self._models, self._data, strict=True):
-            geoms = (data.contact[0].geom1, data.contact[0].geom2) if data.ncon else ()
-            names = [model.geom(geom).name for geom in geoms]
+        for model, data in zip(self.models, self.data, strict=True):
+            names = [model.geom(geom).name for geom in data.contact.geom[:1].ravel()]
             scenery = [name for name in names if name.startswith(("pillar", "table"))]
             found.append(scenery[0] if scenery else "the arm itself" if names else "")
         return found
@@ -185,11 +180,11 @@ class ArmVectorSim:
                 touched = self._follow(row, np.tile(end, (task.SETTLE * task.SUBSTEPS, 1)))
             self._collision[row] = touched
             place = self._paths[row, self._steps[row] :]
-            place[:, task.TIP] = self._data[row].site_xpos[self._site]
+            place[:, task.TIP] = self.data[row].site_xpos[self._site]
 
     def _follow(self, row: int, course: Array) -> bool:
         """Physics along commands (steps, 7); stops at a contact and returns whether there was."""
-        model, data, step = self._models[row], self._data[row], self._engine.mj_step
+        model, data, step = self.models[row], self.data[row], self._engine.mj_step
         for command in course:
             data.ctrl[:] = command
             step(model, data)
@@ -197,8 +192,3 @@ class ArmVectorSim:
                 break
         self._engine.mj_forward(model, data)
         return bool(data.ncon)
-
-    def _goal_error(self) -> Array:
-        states = self.states
-        error: Array = np.linalg.norm(states[:, task.TIP] - states[:, task.GOAL], axis=1)
-        return error

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 KINDS = ("ring", "avoid")
 ROWS = {"ring": (1,), "avoid": (2, 3)}  #: pillars in each row that the tip has to pass
 PILLARS = {kind: sum(rows) for kind, rows in ROWS.items()}
-#: Names of the modes, which are the paths' homotopy classes: left and right as one looks from
+#: Names of the modes, which way the tip passes the pillars: left and right as one looks from
 #: start to goal, gaps in the order of y.
 MODES = {
     "ring": ("left", "right", "over"),

@@ -45,7 +45,7 @@ class Episodes:
     task: Task = PUSH_T
 
     def __post_init__(self) -> None:
-        ends = self._set("ends", "iu", None)
+        ends = self._set("ends", "iu", np.shape(self.ends)[:1])
         if len(ends) == 0 or (np.diff(ends, prepend=0) < 1).any():
             raise ValueError(f"{self.name}: ends must rise, and begin above 0, got {ends}")
         self._set_table("state", self.task.state_limits)
@@ -76,19 +76,18 @@ class Episodes:
         ends = np.cumsum(lengths)
         rows = np.repeat(self.starts[chosen] - (ends - lengths), lengths) + np.arange(lengths.sum())
         index_of = {"intention": rows, "seed": chosen, "mode": chosen}
-        known = {name: value for name in index_of if (value := getattr(self, name)) is not None}
-        some = {name: value[index_of[name]] for name, value in known.items()}
+        known = {name: at for name, at in index_of.items() if getattr(self, name) is not None}
+        some = {name: getattr(self, name)[at] for name, at in known.items()}
         return replace(self, state=self.state[rows], action=self.action[rows], ends=ends, **some)
 
-    def _set(self, name: str, kinds: str, shape: tuple[int, ...] | None) -> NDArray[Any]:
+    def _set(self, name: str, kinds: str, shape: tuple[int, ...]) -> NDArray[Any]:
         """Makes a field float64 or int64, if its type and shape are right."""
         array = np.asarray(getattr(self, name))
         wanted = "integers" if kinds == "iu" else "real numbers"
         if array.dtype.kind not in kinds:
             raise TypeError(f"{self.name}: {name} must hold {wanted}, got {array.dtype}")
-        if array.shape != shape and (shape is not None or array.ndim != 1):
-            expected = "(episodes,)" if shape is None else shape
-            raise ValueError(f"{self.name}: {name} has shape {array.shape}, expected {expected}")
+        if array.shape != shape:
+            raise ValueError(f"{self.name}: {name} has shape {array.shape}, expected {shape}")
         array = array.astype(np.int64 if kinds == "iu" else np.float64)
         object.__setattr__(self, name, array)
         return array

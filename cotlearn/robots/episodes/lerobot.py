@@ -68,24 +68,38 @@ def read_frames(path: str | Path) -> tuple[dict[str, NDArray[Any]], NDArray[np.i
         ModuleNotFoundError: pyarrow is not installed.
         ValueError: a file is damaged, or a column is missing or does not fit.
     """
-    files = sorted(Path(path).glob("data/**/*.parquet"))
+    files = [str(file) for file in sorted(Path(path).glob("data/**/*.parquet"))]
     if not files:
         raise ValueError(f"{path} holds no data/**/*.parquet: it is no LeRobot data set")
-    parts = [_read_table(file) for file in files]
-    if any(part.keys() != parts[0].keys() for part in parts):
-        raise ValueError(f"{path}: the files under data/ have different columns")
-    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    pyarrow, parquet = need("pyarrow"), need("pyarrow.parquet")
+    try:
+        frames = parquet.ParquetDataset(files)
+        names = frames.schema.names
+        lists = [*([name for name in STATES if name in names] or [AGENT]), ACTION]
+        if missing := [name for name in (*lists, EPISODE, FRAME) if name not in names]:
+            raise ValueError(f"{path} has no column {', '.join(missing)}; it has {names}")
+        table = frames.read(columns=[*lists, EPISODE, FRAME])
+    except (pyarrow.ArrowException, OSError) as error:
+        raise ValueError(f"{path}: a file is damaged or not a parquet file: {error}") from error
+    columns = {name: table[name].to_numpy() for name in (EPISODE, FRAME)}
+    for name in lists:
+        try:
+            values = np.array(table[name].to_pylist(), dtype=np.float64)
+        except (TypeError, ValueError):
+            words = "must have the same number of values in each frame"
+            raise ValueError(f"{path}: {name} {words}") from None
+        columns[name] = values.reshape(len(values), -1)
     order = np.lexsort((columns[FRAME], columns[EPISODE]))
     columns = {name: values[order] for name, values in columns.items()}
     episode = columns[EPISODE]
     ends = np.append(np.flatnonzero(np.diff(episode)) + 1, len(episode))
     lengths = np.diff(ends, prepend=0)
-    frames = np.arange(len(episode)) - np.repeat(ends - lengths, lengths)
-    if (wrong := columns[FRAME] != frames).any():
+    expected = np.arange(len(episode)) - np.repeat(ends - lengths, lengths)
+    if (wrong := columns[FRAME] != expected).any():
         row = int(np.flatnonzero(wrong)[0])
         raise ValueError(
             f"{path}: frames of episode {episode[row]} are missing or double: frame "
-            f"{columns[FRAME][row]} follows where {frames[row]} should"
+            f"{columns[FRAME][row]} follows where {expected[row]} should"
         )
     return columns, ends
 
@@ -193,28 +207,6 @@ def _statistics(values: NDArray[Any]) -> dict[str, Any]:
     numbers = values.reshape(len(values), -1).astype(np.float64)
     each = {name: getattr(numbers, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")}
     return {**each, "count": [len(numbers)]}
-
-
-def _read_table(file: Path) -> dict[str, NDArray[Any]]:
-    pyarrow, parquet = need("pyarrow"), need("pyarrow.parquet")
-    try:
-        names = parquet.read_schema(file).names
-        lists = [name for name in STATES if name in names] or [AGENT]
-        wanted = [*lists, ACTION, EPISODE, FRAME]
-        if missing := [name for name in wanted if name not in names]:
-            raise ValueError(f"{file} has no column {', '.join(missing)}; it has {names}")
-        table = parquet.read_table(file, columns=wanted)
-    except (pyarrow.ArrowInvalid, OSError) as error:
-        raise ValueError(f"{file} is damaged or not a parquet file: {error}") from error
-    columns = {name: table[name].to_numpy() for name in (EPISODE, FRAME)}
-    for name in (*lists, ACTION):
-        try:
-            values = np.array(table[name].to_pylist(), dtype=np.float64)
-        except (TypeError, ValueError):
-            words = "must have the same number of values in each frame"
-            raise ValueError(f"{file}: {name} {words}") from None
-        columns[name] = values.reshape(len(values), -1)
-    return columns
 
 
 def _write_table(file: Path, columns: dict[str, Any], index: str | None = None) -> None:

@@ -9,27 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from cotlearn.robots.episodes.checked import Episodes, need
+from cotlearn.robots.episodes.checked import need
 
 
-def read_replay_buffer(path: str | Path) -> Episodes:
-    """Reads `pusht_cchi_v7_replay.zarr` and files like it (2303.04137).
+def read_buffer(path: str | Path, states: Sequence[str] = ("data/state",)) -> tuple[Any, Any, Any]:
+    """Reads states, actions and ends of a replay buffer (2303.04137).
 
-    They hold data/state (N, 5) with agent x and y, block x, y and angle, data/action (N, 2), and
-    meta/episode_ends (E,); images and key points are not read.
+    `pusht_cchi_v7_replay.zarr` and files like it hold data/state (N, 5) with agent x and y, block
+    x, y and angle, data/action (N, 2), and meta/episode_ends (E,); images and key points are not
+    read.
 
     Args:
         path: the folder, or a zip of it.
+        states: names of the states; the first that is found is read.
 
     Raises:
         ModuleNotFoundError: zarr is not installed.
         ValueError: the file is damaged, or something is missing.
     """
-    return Episodes(*read_buffer(path), name=Path(path).name)
-
-
-def read_buffer(path: str | Path, states: Sequence[str] = ("data/state",)) -> tuple[Any, Any, Any]:
-    """States, actions and ends of any replay buffer; the states under the first name found."""
     path, zarr = Path(path), need("zarr")
     if path.is_file() and not zipfile.is_zipfile(path):
         raise ValueError(f"{path} is damaged: it is neither a folder nor a whole zip file")

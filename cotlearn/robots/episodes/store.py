@@ -11,7 +11,7 @@ from cotlearn.files import atomic_path
 from cotlearn.robots.episodes.checked import Episodes
 from cotlearn.robots.episodes.lerobot import read_lerobot
 from cotlearn.robots.episodes.npz import read_npz
-from cotlearn.robots.episodes.replay import read_replay_buffer
+from cotlearn.robots.episodes.replay import read_buffer
 from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.robots.push_t.rasteriser import rasterise
 
@@ -33,7 +33,7 @@ def read(path: str | Path) -> Episodes:
     if path.suffix == ".npz":
         return read_npz(path)
     if ".zarr" in path.suffixes or (path / ".zgroup").is_file() or (path / "zarr.json").is_file():
-        return read_replay_buffer(path)
+        return Episodes(*read_buffer(path), name=path.name)
     if (path / "meta" / "info.json").is_file() or any(path.glob("data/**/*.parquet")):
         return read_lerobot(path)
     raise ValueError(

@@ -57,12 +57,14 @@ def record(path: str | Path, task: str = "push-t", *, episodes: int, seed: int) 
         for first in range(0, episodes, PART):
             numbers = range(first, min(first + PART, episodes))
             part = folder / f"{first:06d}-{numbers.stop:06d}.npz"
-            arrays = _stored_part(part, about)
-            if arrays is None:
-                arrays = _record_part(chosen, expert, numbers, seed, bar)
-                write_arrays(part, arrays, about)
-            else:
+            try:
+                arrays, stored = read_arrays(part)
                 bar.update(len(numbers))
+            except ValueError:  # missing or damaged: it is made anew
+                arrays, stored = _record_part(chosen, expert, numbers, seed, bar), about
+                write_arrays(part, arrays, about)
+            if stored != about:
+                raise ValueError(f"{folder} holds parts of another recording: choose another file")
             parts.append(arrays)
     merged = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     merged["episode_ends"] = np.cumsum(
@@ -73,16 +75,6 @@ def record(path: str | Path, task: str = "push-t", *, episodes: int, seed: int) 
     write_arrays(path, merged, about)
     shutil.rmtree(folder)
     return about
-
-
-def _stored_part(path: Path, about: dict[str, Any]) -> Arrays | None:
-    try:
-        arrays, stored = read_arrays(path)
-    except ValueError:
-        return None  # missing or damaged: it is made anew
-    if stored != about:
-        raise ValueError(f"{path.parent} holds parts of another recording: choose another file")
-    return arrays
 
 
 def _record_part(task: Task, expert: Expert, numbers: range, seed: int, bar: Any) -> Arrays:

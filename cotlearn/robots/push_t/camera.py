@@ -36,11 +36,6 @@ class Camera:
     high: Sequence[float]
 
     @property
-    def scene_dim(self) -> int:
-        """Columns of a scene."""
-        return self.observe * SCENE
-
-    @property
     def pixels(self) -> int:
         """Numbers of a picture: size * size * 3."""
         return self.size**2 * 3

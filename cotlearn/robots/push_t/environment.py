@@ -15,12 +15,14 @@ from cotlearn.robots.push_t import task
 from cotlearn.robots.push_t.geometry import corners
 from cotlearn.robots.push_t.rasteriser import draw
 from cotlearn.robots.push_t.simulation import Simulation, random_state
-from cotlearn.robots.task import check_numbers
+from cotlearn.robots.task import check_numbers, chosen_start
 from cotlearn.validation import check_choice
 
 PIXELS = 96  #: width and height of an observed picture
 FRAME = 512  #: width and height of a rendered picture
 
+_STARTS = [0.0] * 4 + [-math.inf], [task.SIZE] * 4 + [math.inf]  #: limits of states and actions
+_ACTIONS = [0.0] * 2, [task.SIZE] * 2
 _AGENT = spaces.Box(0.0, task.SIZE, shape=(2,), dtype=np.float64)
 _POINTS = spaces.Box(0.0, task.SIZE, shape=(16,), dtype=np.float64)
 _PICTURE = spaces.Box(0, 255, shape=(PIXELS, PIXELS, 3), dtype=np.uint8)
@@ -86,7 +88,9 @@ class PushT(gymnasium.Env[Any, Any]):
             ValueError: `options` holds anything else, or a state outside the world.
         """
         super().reset(seed=seed)
-        self._world, self._action = Simulation(self._start(options)), None
+        state = chosen_start(options, _STARTS)
+        self._world = Simulation(random_state(self.np_random) if state is None else state)
+        self._action = None
         return self._observe(), self._info()
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -96,8 +100,7 @@ class PushT(gymnasium.Env[Any, Any]):
             TypeError: `action` is not made of real numbers.
             ValueError: it has not shape (2,), is not finite or lies outside the world.
         """
-        limits = (0.0, 0.0), (task.SIZE, task.SIZE)
-        x, y = check_numbers(action, limits, "action", shape=(2,)).tolist()
+        x, y = check_numbers(action, _ACTIONS, "action", shape=(2,)).tolist()
         self._world.step(x, y)
         self._action = (x, y)
         info = self._info()
@@ -109,14 +112,6 @@ class PushT(gymnasium.Env[Any, Any]):
         if self.render_mode is None:
             return None
         return draw(self._world.state, size=FRAME, action=self._action)
-
-    def _start(self, options: dict[str, Any] | None) -> Any:
-        if not options:
-            return random_state(self.np_random)
-        if set(options) != {"state"}:
-            raise ValueError(f"options must be {{'state': ...}} or None, got {options!r}")
-        limits = [0.0] * 4 + [-math.inf], [task.SIZE] * 4 + [math.inf]
-        return check_numbers(options["state"], limits, "state", shape=(5,))
 
     def _observe(self) -> Observation:
         agent_x, agent_y, x, y, angle = state = self._world.state

@@ -52,7 +52,6 @@ class Simulation:
     def __init__(self, state: ArrayLike) -> None:
         self._space, self._agent, self._block = _world(*np.asarray(state, np.float64).tolist())
         self._velocity = (0.0, 0.0)
-        self._covered: tuple[float, ...] = ()
         self._space.step(task.PHYSICS_SECONDS)
 
     def step(self, x: float, y: float) -> None:
@@ -79,10 +78,7 @@ class Simulation:
     @property
     def coverage(self) -> float:
         """The share of the goal that the T covers now."""
-        pose = self.state[2:]
-        if self._covered[:3] != pose:  # a T at rest is not measured again
-            self._covered = (*pose, coverage_of_one(*pose))
-        return self._covered[3]
+        return coverage_of_one(*self.state[2:])
 
 
 class PushTVectorSim:

@@ -10,16 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cotlearn.robots.experts.push_t import plan
+from cotlearn.robots.experts.push_t import plan, route
 from cotlearn.robots.experts.push_t.pushes import library, push_targets
-from cotlearn.robots.experts.push_t.route import (
-    TURNS,
-    Found,
-    Routes,
-    clearance,
-    distance,
-    step_back,
-)
 from cotlearn.robots.plane import rotate
 from cotlearn.robots.push_t import Simulation, corners, random_state, task
 from cotlearn.robots.push_t.task import AGENT_RADIUS, PIXEL, SIZE, SUCCESS, WALL_RADIUS, WALLS
@@ -52,7 +44,7 @@ class Options:
     rows: NDArray[np.int64]
     cost: Array
     probability: Array
-    found: Found
+    found: route.Found
 
 
 class PushTExpert:
@@ -66,7 +58,7 @@ class PushTExpert:
         self.value = plan.value()
         starts, place = np.unique(self.pushes.start.round(6), axis=0, return_inverse=True)
         self._place = place.ravel()
-        self._routes = Routes(starts)
+        self._routes = route.Routes(starts)
 
     def episode(self, seed: int, *, state: ArrayLike | None = None) -> Demonstration:
         """Demonstrates one episode; see `cotlearn.robots.task.Expert`.
@@ -102,8 +94,8 @@ class PushTExpert:
         future = plan.after(relative, self.pushes)
         value = self.value(future)
         value[plan.reached(future)] = 0.0
-        turns = corners(pose, TURNS)
-        agent = step_back(_to_body(state[:2], pose))
+        turns = corners(pose, route.TURNS)
+        agent = route.step_back(_to_body(state[:2], pose))
         usable = np.all((turns > 0) & (turns < SIZE), axis=1)
         lengths, found = self._routes.lengths(agent, usable)
         if np.isinf(lengths).all():  # shut in between the T and a wall: straight through
@@ -135,7 +127,7 @@ class PushTExpert:
             start = self.pushes.start[row]
             agent = _to_body(state[:2], pose)
             turns = self._routes.way(int(self._place[row]), options.found)
-            way = np.vstack([agent, step_back(agent), turns, start])
+            way = np.vstack([agent, route.step_back(agent), turns, start])
             length = float(self.pushes.length[row])
             arrived = yield from _travel(world, corners(pose, way), min(max(0.15 * length, 3), 6))
             if arrived:
@@ -182,8 +174,8 @@ def _travel(world: Simulation, way: Array, tolerance: float) -> Generator[Array,
         ahead = np.minimum(here + (np.array(_AHEAD) / _GRAIN).astype(int), len(points) - 1)
         candidates = _to_body(points[ahead], pose)
         body = _to_body(agent, pose)
-        needed = min(_TOUCH, distance(body[None])[0] - 0.5)
-        clear = clearance(np.tile(body, (len(ahead), 1)), candidates) >= needed
+        needed = min(_TOUCH, route.distance(body[None])[0] - 0.5)
+        clear = route.clearance(np.tile(body, (len(ahead), 1)), candidates) >= needed
         yield points[ahead[int(clear.argmax()) if clear.any() else -1]]
     return False
 

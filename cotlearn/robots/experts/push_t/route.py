@@ -103,7 +103,8 @@ class Routes:
     def way(self, place: int, found: Found) -> Array:
         """(k, 2), the turning points between the agent and a place, for what `lengths` found."""
         through, before = found
-        here, path = int(through[:, place].argmin()), []
+        here = int(through[:, place].argmin())
+        path: list[int] = []
         while here > 0:
             path.insert(0, here - 1)
             here = int(before[here])
