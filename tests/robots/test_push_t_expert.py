@@ -77,7 +77,7 @@ def test_pushes_do_the_same_wherever_the_tee_is():
     """Also those that were only mirrored, in a T that is turned and elsewhere."""
     library = pushes.library()
     generator = np.random.default_rng(0)
-    for row in generator.choice(len(library), 30, replace=False):
+    for row in generator.choice(len(library.steps), 30, replace=False):
         pose = np.array([*generator.uniform(220, 290, 2), generator.uniform(-3, 3)])
         begin = corners(pose, library.start[row][None])[0]
         direction = corners((0, 0, pose[2]), library.direction[row][None])[0]

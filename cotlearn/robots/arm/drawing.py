@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from cotlearn.robots.arm.task import GOAL, pillars
 from cotlearn.robots.task import Array
 
+Image = NDArray[np.uint8]
+
 PILLAR, GOAL_MARK = "#E07B39", "#2CA05A"
 SHELL, JOINT, ROD = "#F2F2F4", "#3D4552", "#1F6FB2"
 TABLE, EDGE = "#EFE8DC", "#B9AE9C"
@@ -30,9 +32,7 @@ def arm_space(figure: Figure) -> Any:
     return figure.add_axes(((1 - wide) / 2, (1 - high) / 2, wide, high), projection="3d")
 
 
-def draw_picture(
-    points: Array, state: Array, size: tuple[int, int], view: str
-) -> NDArray[np.uint8]:
+def draw_picture(points: Array, state: Array, size: tuple[int, int], view: str) -> Image:
     """A picture (height, width, 3) of what `draw_arm` draws, without the axes.
 
     Args:

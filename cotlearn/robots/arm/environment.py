@@ -66,8 +66,7 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
         self.size = check_count(width, "width"), check_count(height, "height")
         if width > task.PICTURE[0] or height > task.PICTURE[1]:
             raise ValueError(f"width and height must be at most {task.PICTURE}, got {self.size}")
-        farthest = np.full(len(task.columns(kind)), task.FAR)
-        self._state_limits = np.stack([-farthest, farthest])
+        self._state_limits = np.outer([-task.FAR, task.FAR], np.ones(len(task.columns(kind))))
         self.observation_space = spaces.Box(*self._state_limits, dtype=np.float64)
         low, high = (task.LOW, task.HIGH) if action_type == "tip" else (LOWER, UPPER)
         self._limits = np.stack([low, high])

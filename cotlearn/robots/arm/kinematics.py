@@ -160,15 +160,12 @@ def solve(targets: Array, start: Array | None = None) -> Solution:
 def _step(chain: Chain, away: Array, q: Array) -> Array:
     """(n, 7), one iteration of damped least squares."""
     far = np.linalg.norm(away, axis=1, keepdims=True)
-    e = np.concatenate(
-        [away * np.minimum(1.0, _FARTHEST / np.maximum(far, 1e-12)), -_LEVER * chain.down[:, :2]],
-        axis=1,
-    )
+    aim = away * np.minimum(1.0, _FARTHEST / np.maximum(far, 1e-12))
+    e = np.concatenate([aim, -_LEVER * chain.down[:, :2]], axis=1)
     jacobian = np.concatenate([chain.jacobian, _LEVER * chain.tilting[:, :2]], axis=1)
     damping = 0.1 * (e**2).sum(axis=1) + _DAMPING
     posture = _POSTURE * (REST - q)
-    posture[:, 0] = 0.0  # the arm may turn to any side, and the rod is round
-    posture[:, 6] = 0.0
+    posture[:, [0, 6]] = 0.0  # the arm may turn to any side, and the rod is round
     rest = e - (jacobian @ posture[..., None])[..., 0]
     square = jacobian @ jacobian.swapaxes(1, 2) + damping[:, None, None] * np.eye(5)
     return posture + (jacobian.swapaxes(1, 2) @ np.linalg.solve(square, rest[..., None]))[..., 0]

@@ -46,8 +46,8 @@ def model_of(state: Array) -> Any:
     add = functools.partial(ElementTree.SubElement, world, "geom", {"class": "scene"})
     for number, (x, y, radius, height) in enumerate(pillars(state).tolist(), start=1):
         ends = f"{x!r} {y!r} 0 {x!r} {y!r} {height - radius!r}"
-        look = {"type": "capsule", "material": "pillar"}
-        add(name=f"pillar{number}", size=repr(radius), fromto=ends, **look)
+        name = f"pillar{number}"
+        add(name=name, type="capsule", material="pillar", size=repr(radius), fromto=ends)
     look = {"type": "sphere", "material": "goal", "contype": "0", "conaffinity": "0"}
     add(name="goal", size="0.025", pos=" ".join(map(repr, state[GOAL].tolist())), **look)
     return mujoco().MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))

@@ -23,17 +23,9 @@ from cotlearn.robots.arm.kinematics import skeleton
 from cotlearn.robots.arm.model import mujoco
 from cotlearn.robots.task import Array
 
-Image = NDArray[np.uint8]
-
 BACKENDS = {"Linux": ("egl", "osmesa"), "Darwin": ("cgl",), "Windows": ("glfw",)}
 DRAWN = "matplotlib"
-_TRIAL = """
-import importlib, sys, mujoco
-context = importlib.import_module("mujoco." + sys.argv[1]).GLContext(64, 64)
-context.make_current()
-model = mujoco.MjModel.from_xml_string("<mujoco/>")
-mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-"""
+_TRIAL = "import mujoco as m; m.Renderer(m.MjModel.from_xml_string('<mujoco/>'))"
 _SECONDS = 60  #: after which a trial has failed
 
 
@@ -50,17 +42,13 @@ def backend() -> str:
 @functools.cache
 def _works(name: str) -> bool:
     environment = {key: value for key, value in os.environ.items() if key != "PYOPENGL_PLATFORM"}
+    environment["MUJOCO_GL"] = name
+    trial = [sys.executable, "-c", _TRIAL]
     try:
-        trial = subprocess.run(
-            [sys.executable, "-c", _TRIAL, name],
-            env={**environment, "MUJOCO_GL": name},
-            capture_output=True,
-            timeout=_SECONDS,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired):
+        subprocess.run(trial, env=environment, capture_output=True, timeout=_SECONDS, check=True)
+    except (OSError, subprocess.SubprocessError):
         return False
-    return trial.returncode == 0
+    return True
 
 
 class Painter:
@@ -104,7 +92,7 @@ class Painter:
         self._view.type = engine.mjtCamera.mjCAMERA_FIXED
         self._view.fixedcamid = self._model.camera(self._camera).id
 
-    def paint(self, model: Any, data: Any, state: Array) -> Image:
+    def paint(self, model: Any, data: Any, state: Array) -> NDArray[np.uint8]:
         """A picture (height, width, 3) of an `MjModel` with its `MjData`, in `state` (columns,)."""
         if self._context is None:
             from cotlearn.robots.arm.drawing import draw_picture  # late: it loads matplotlib

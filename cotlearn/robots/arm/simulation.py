@@ -64,9 +64,8 @@ class ArmVectorSim:
         self._place("tip", states[:, task.TIP])
         n = len(states)
         self._paths = np.repeat(self.states[:, None], task.MAX_STEPS + 1, axis=1)
-        self._steps = np.zeros(n, dtype=np.int64)
+        self._steps, self._missed = np.zeros((2, n), dtype=np.int64)
         self._collision = np.zeros(n, dtype=bool)
-        self._missed = np.zeros(n, dtype=np.int64)
         self.unreachable = np.zeros(n, dtype=bool)  #: whether the last target was out of reach
 
     @classmethod
@@ -83,9 +82,8 @@ class ArmVectorSim:
         for index, (data, joints) in enumerate(zip(self.data, found.joints, strict=True)):
             what = f"the {name} {targets[index].round(4).tolist()} of states[{index}]"
             if not found.reached[index]:
-                raise ValueError(
-                    f"{what} is out of reach: the tip comes within {found.error[index]:.3f} m of it"
-                )
+                near = f"the tip comes within {found.error[index]:.3f} m of it"
+                raise ValueError(f"{what} is out of reach: {near}")
             data.qpos[:] = joints
             data.ctrl[:] = joints
             self._engine.mj_forward(self.models[index], data)

@@ -40,10 +40,9 @@ def read_lerobot(path: str | Path) -> Episodes:
     path = Path(path)
     columns, ends = read_frames(path)
     for name, width in ((AGENT, 2), (BLOCK, 2 * len(KEYPOINTS))):
-        if name not in columns:
-            raise ValueError(f"{path} has no column {name}; agent and pose of the T are needed")
-        if columns[name].shape[1] != width:
-            raise ValueError(f"{path}: {name} must have {width} numbers a frame")
+        if name not in columns or columns[name].shape[1] != width:
+            needed = f"agent and pose of the T are needed, here {width} numbers a frame"
+            raise ValueError(f"{path} has no column {name}; {needed}")
     pose, miss = pose_of(columns[BLOCK].reshape(-1, len(KEYPOINTS), 2))
     if not (miss <= RIGID).all():
         row = int(np.flatnonzero(~(miss <= RIGID))[0])
@@ -86,8 +85,7 @@ def read_frames(path: str | Path) -> tuple[dict[str, NDArray[Any]], NDArray[np.i
         try:
             values = np.array(table[name].to_pylist(), dtype=np.float64)
         except (TypeError, ValueError):
-            words = "must have the same number of values in each frame"
-            raise ValueError(f"{path}: {name} {words}") from None
+            raise ValueError(f"{path}: {name} must hold as many numbers in each frame") from None
         columns[name] = values.reshape(len(values), -1)
     order = np.lexsort((columns[FRAME], columns[EPISODE]))
     columns = {name: values[order] for name, values in columns.items()}

@@ -25,7 +25,6 @@ from cotlearn.robots.plane import rotate
 from cotlearn.robots.push_t.task import AREA, GOAL, OUTLINE, RECTANGLES
 from cotlearn.robots.task import Array
 
-_OUTLINE = np.array(OUTLINE)
 _COS_GOAL, _SIN_GOAL = math.cos(GOAL[2]), math.sin(GOAL[2])
 #: Farther from the goal than twice the reach of the T, nothing is covered.
 _REACH = 2 * max(math.hypot(x, y) for x, y in OUTLINE)

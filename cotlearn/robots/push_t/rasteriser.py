@@ -71,21 +71,20 @@ def draw(
         right, down = (x - action[0]).abs(), (y - action[1]).abs()
         across = torch.maximum(right - _ARM, down - _STROKE)
         arms = torch.minimum(across, torch.maximum(right - _STROKE, down - _ARM))
-        image = paint(picture.permute(2, 0, 1).float(), arms, CROSS, pixel=task.SIZE / size)
+        image = paint(picture.permute(2, 0, 1).float(), arms, CROSS)
         picture = image.round_().to(torch.uint8).permute(1, 2, 0)
     return np.ascontiguousarray(picture.numpy())
 
 
-def paint(image: Tensor, distance: Tensor, colour: Colour, *, pixel: float) -> Tensor:
+def paint(image: Tensor, distance: Tensor, colour: Colour) -> Tensor:
     """Blends a colour in where the signed distance is negative, over one pixel at the edge.
 
     Args:
         image: (..., 3, size, size), 0 to 255.
-        distance: (..., size, size), in the unit of `pixel`.
+        distance: (..., size, size), in the unit of the world.
         colour: red, green and blue.
-        pixel: the width of a pixel.
     """
-    share = distance.mul(-1 / pixel).add_(0.5).clamp_(0, 1)[..., None, :, :]
+    share = distance.mul(-1 / (task.SIZE / image.shape[-1])).add_(0.5).clamp_(0, 1)[..., None, :, :]
     tone = torch.tensor(colour, dtype=image.dtype, device=image.device)[:, None, None]
     return torch.lerp(image, tone, share)
 
@@ -93,12 +92,11 @@ def paint(image: Tensor, distance: Tensor, colour: Colour, *, pixel: float) -> T
 def _painted(states: Tensor, size: int) -> Tensor:
     """(n, 3, size, size), whole numbers as float32."""
     x, y = (centres.to(states.device) for centres in grid(size))
-    pixel = task.SIZE / size
     image = _background(size).to(states.device)
-    image = paint(image, _to_tee(x, y, states[:, 2:]), BLOCK, pixel=pixel)
+    image = paint(image, _to_tee(x, y, states[:, 2:]), BLOCK)
     from_x, from_y = x - states[:, 0, None, None], y - states[:, 1, None, None]
     to_agent = torch.hypot(from_x, from_y) - task.AGENT_RADIUS
-    return paint(image, to_agent, AGENT, pixel=pixel).round_()
+    return paint(image, to_agent, AGENT).round_()
 
 
 @functools.lru_cache(maxsize=8)
@@ -111,15 +109,15 @@ def grid(size: int) -> tuple[Tensor, Tensor]:
 @functools.lru_cache(maxsize=8)
 def _background(size: int) -> Tensor:
     """The goal and the walls, (3, size, size)."""
-    (x, y), pixel = grid(size), task.SIZE / size
+    x, y = grid(size)
     image = torch.tensor(WHITE, dtype=torch.float32)[:, None, None].expand(3, size, size)
-    image = paint(image, _to_tee(x, y, torch.tensor([task.GOAL]))[0], OUTLINE, pixel=pixel)
+    image = paint(image, _to_tee(x, y, torch.tensor([task.GOAL]))[0], OUTLINE)
     low, high = task.WALLS
     lines = [abs(value - end) for value in (x, y) for end in (low, high)]
     to_line = functools.reduce(torch.minimum, lines)
     outside = functools.reduce(torch.maximum, (low - x, x - high, low - y, y - high))
     walls = torch.maximum(to_line, outside) - task.WALL_RADIUS
-    return paint(image, walls, WALL, pixel=pixel)
+    return paint(image, walls, WALL)
 
 
 def _to_tee(x: Tensor, y: Tensor, pose: Tensor) -> Tensor:

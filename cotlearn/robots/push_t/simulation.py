@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,9 +49,30 @@ class Simulation:
     """
 
     def __init__(self, state: ArrayLike) -> None:
-        self._space, self._agent, self._block = _world(*np.asarray(state, np.float64).tolist())
-        self._velocity = (0.0, 0.0)
-        self._space.step(task.PHYSICS_SECONDS)
+        import pymunk  # late: the definition of the task is of use without its physics
+
+        agent_x, agent_y, x, y, angle = np.asarray(state, np.float64).tolist()
+        space = pymunk.Space()
+        space.damping = 0.0
+        low, high = task.WALLS
+        left, right = ((low, high), (low, low)), ((high, low), (high, high))
+        top, bottom = ((low, low), (high, low)), ((low, high), (high, high))
+        # the order in which contacts are solved follows from this one, which is gym-pusht's
+        for ends in (left, top, right, bottom):
+            space.add(pymunk.Segment(space.static_body, *ends, task.WALL_RADIUS))
+        agent = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        agent.position = agent_x, agent_y
+        space.add(agent, pymunk.Circle(agent, task.AGENT_RADIUS))
+        bar, stem = task.KEYPOINTS[:4], task.KEYPOINTS[4:]
+        # gym-pusht takes the bar's moment of inertia for the stem, too.
+        block = pymunk.Body(task.MASS, 2 * pymunk.moment_for_poly(task.MASS, bar))
+        shapes = [pymunk.Poly(block, bar), pymunk.Poly(block, stem)]
+        block.center_of_gravity = task.CENTRE_OF_GRAVITY
+        space.add(block, *shapes)
+        block.angle = angle  # first: turning is about the centre of gravity
+        block.position = x, y
+        self._space, self._agent, self._block, self._velocity = space, agent, block, (0.0, 0.0)
+        space.step(task.PHYSICS_SECONDS)
 
     def step(self, x: float, y: float) -> None:
         """Lets the agent follow the target (x, y) for one control step."""
@@ -139,29 +159,3 @@ class PushTVectorSim:
         - "mode", the side of the T (0 to 7, around its outline) that was pushed first, or -1.
         """
         return {"coverage": self._best.copy(), "last": self.coverage, "mode": self._mode.copy()}
-
-
-def _world(agent_x: float, agent_y: float, x: float, y: float, angle: float) -> tuple[Any, ...]:
-    """A pymunk space, and the bodies of the agent and of the T in it."""
-    import pymunk  # late: the definition of the task is of use without its physics
-
-    space = pymunk.Space()
-    space.damping = 0.0
-    low, high = task.WALLS
-    left, right = ((low, high), (low, low)), ((high, low), (high, high))
-    top, bottom = ((low, low), (high, low)), ((low, high), (high, high))
-    # the order in which contacts are solved follows from this one, which is gym-pusht's
-    for ends in (left, top, right, bottom):
-        space.add(pymunk.Segment(space.static_body, *ends, task.WALL_RADIUS))
-    agent = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-    agent.position = agent_x, agent_y
-    space.add(agent, pymunk.Circle(agent, task.AGENT_RADIUS))
-    bar, stem = task.KEYPOINTS[:4], task.KEYPOINTS[4:]
-    # gym-pusht takes the bar's moment of inertia for the stem, too.
-    block = pymunk.Body(task.MASS, 2 * pymunk.moment_for_poly(task.MASS, bar))
-    shapes = [pymunk.Poly(block, bar), pymunk.Poly(block, stem)]
-    block.center_of_gravity = task.CENTRE_OF_GRAVITY
-    space.add(block, *shapes)
-    block.angle = angle  # first: turning is about the centre of gravity
-    block.position = x, y
-    return space, agent, block

@@ -38,19 +38,16 @@ class ArmExpert:
         if state is None:
             state = random_start(np.random.default_rng(seed), self.kind)
         sim = ArmVectorSim(np.asarray(state)[None], self.kind)
-        states, actions, intentions = [], [], []
+        rows = []
         for target in self.path(sim.states[0], mode, generator):
             intention = np.rint(target / UNIT) * UNIT
             noise = NOISE * generator.standard_normal(3)
             action = np.rint(np.clip(intention + noise, task.LOW, task.HIGH) / UNIT) * UNIT
-            states.append(sim.states[0])
-            actions.append(action)
-            intentions.append(intention)
+            rows.append((sim.states[0], action, intention))
             sim.step(action[None])
+        states, actions, intentions = map(np.array, zip(*rows, strict=True))
         success = int(sim.outcomes()["mode"][0]) == mode
-        return Demonstration(
-            np.array(states), np.array(actions), np.array(intentions), success, mode
-        )
+        return Demonstration(states, actions, intentions, success, mode)
 
     def path(self, state: Array, mode: int, generator: np.random.Generator) -> Array:
         """Draws the targets (40, 3) of an undisturbed episode.

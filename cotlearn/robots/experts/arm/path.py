@@ -81,8 +81,7 @@ def minimum_jerk(points: ArrayLike, times: ArrayLike, at: ArrayLike) -> Array:
     """
     still = np.zeros((2, np.shape(points)[1]))
     at_rest = list(zip((1, 2), still, strict=True))  # no speed, no acceleration
-    path: Array = make_interp_spline(times, points, k=5, bc_type=(at_rest, at_rest))(at)
-    return path
+    return np.asarray(make_interp_spline(times, points, k=5, bc_type=(at_rest, at_rest))(at))
 
 
 def clearance(tips: Array, posts: Array) -> Array:
@@ -95,5 +94,4 @@ def clearance(tips: Array, posts: Array) -> Array:
     aside = np.linalg.norm(tips[:, None, :2] - posts[:, :2], axis=2)
     above = tips[:, None, 2] + task.ROD_RADIUS - (posts[:, 3] - posts[:, 2])
     apart = np.hypot(aside, np.maximum(above, 0.0)) - posts[:, 2] - task.ROD_RADIUS
-    nearest: Array = apart.min(axis=1)
-    return nearest
+    return np.asarray(apart.min(axis=1))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
@@ -56,8 +55,7 @@ class PushTExpert:
     def __init__(self) -> None:
         self.pushes = library()
         self.value = plan.value()
-        starts, place = np.unique(self.pushes.start.round(6), axis=0, return_inverse=True)
-        self._place = place.ravel()
+        starts, self._place = np.unique(self.pushes.start.round(6), axis=0, return_inverse=True)
         self._routes = route.Routes(starts)
 
     def episode(self, seed: int, *, state: ArrayLike | None = None) -> Demonstration:
@@ -65,35 +63,29 @@ class PushTExpert:
 
         The angle of the T in its states is not reduced to one turn.
         """
-        start = random_state(np.random.default_rng(seed)) if state is None else state
-        world = Simulation(start)
+        world = Simulation(random_state(np.random.default_rng(seed)) if state is None else state)
         generator = np.random.default_rng([seed, 1])
-        states, actions, intentions = [], [], []
+        rows = []
         for target in self._targets(world, generator):
             intention = _representable(target)
             action = _representable(intention + NOISE * generator.standard_normal(2))
-            states.append(world.state)
-            actions.append(action)
-            intentions.append(intention)
+            rows.append((world.state, action, intention))
             world.step(*action.tolist())
-            if world.coverage > SUCCESS or len(states) == task.MAX_STEPS:
+            if world.coverage > SUCCESS or len(rows) == task.MAX_STEPS:
                 break
-        success = world.coverage > SUCCESS
-        return Demonstration(np.array(states), np.array(actions), np.array(intentions), success)
+        states, actions, intentions = map(np.array, zip(*rows, strict=True))
+        return Demonstration(states, actions, intentions, world.coverage > SUCCESS)
 
     def first_sides(self, state: Array) -> Array:
         """(8,), the probability that the next push is on each side of the T: the expert's modes."""
         options = self.options(state)
-        sides = self.pushes.side[options.rows]
-        return np.bincount(sides, options.probability, minlength=8).astype(float)
+        return np.bincount(self.pushes.side[options.rows], options.probability, 8).astype(float)
 
     def options(self, state: Array) -> Options:
         """The pushes that may be chosen at a state (5,), and how likely each is."""
         pose = state[2:]
-        relative = plan.relative_pose(pose)
-        future = plan.after(relative, self.pushes)
-        value = self.value(future)
-        value[plan.reached(future)] = 0.0
+        future = plan.after(plan.relative_pose(pose), self.pushes)
+        value = np.where(plan.reached(future), 0.0, self.value(future))
         turns = corners(pose, route.TURNS)
         agent = route.step_back(_to_body(state[:2], pose))
         usable = np.all((turns > 0) & (turns < SIZE), axis=1)
@@ -182,11 +174,10 @@ def _travel(world: Simulation, way: Array, tolerance: float) -> Generator[Array,
 
 def _fine(way: Array) -> Array:
     """Points along a way, `_GRAIN` apart."""
-    pieces = [way[:1]]
-    for a, b in itertools.pairwise(way):
-        count = max(1, math.ceil(float(np.hypot(*(b - a))) / _GRAIN))
-        pieces.append(a + (b - a) * (np.arange(1, count + 1) / count)[:, None])
-    return np.concatenate(pieces)
+    counts = np.ceil(np.linalg.norm(np.diff(way, axis=0), axis=1) / _GRAIN).astype(int).clip(1)
+    legs = zip(way[:-1], way[1:], counts, strict=True)
+    pieces = [np.linspace(a, b, count + 1)[1:] for a, b, count in legs]
+    return np.concatenate([way[:1], *pieces])
 
 
 def _to_body(points: Array, pose: Array) -> Array:

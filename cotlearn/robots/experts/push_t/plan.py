@@ -126,8 +126,7 @@ def _improved(table: Single, move: Move, cost: Single) -> Single:
     x, y, turn, done = move
     future = x @ np.tensordot(turn, table, axes=(1, 2)) @ y.swapaxes(1, 2)
     future[done] = 0.0
-    best: Single = (future + cost).min(axis=0)
-    return best
+    return np.asarray((future + cost).min(axis=0))
 
 
 def _weights(values: Array, nodes: Array) -> Single:

@@ -53,9 +53,6 @@ class Pushes:
     steps: Array
     side: NDArray[np.int64]
 
-    def __len__(self) -> int:
-        return len(self.length)
-
     def __getitem__(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Pushes:
         return Pushes(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 

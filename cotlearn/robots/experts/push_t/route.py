@@ -15,6 +15,7 @@ CLEAR = AGENT_RADIUS + 3.0  #: a way keeps this far from the T, centre of the ag
 _MARGIN = AGENT_RADIUS + 5.0  #: of the turning points
 
 _CORNERS = np.array(OUTLINE)
+_LOW, _HIGH = np.array(RECTANGLES).reshape(2, 1, 2, 2).transpose(3, 0, 1, 2)  #: (2, 1, 2) each
 _OUTWARDS = np.array([(-1, -1), (1, -1), (1, 1), (1, 1), (-1, 1), (-1, 1)])
 #: Shortest ways turn only at the six outer corners of the T.
 TURNS = _CORNERS[[0, 1, 2, 4, 5, 7]] + _MARGIN * _OUTWARDS
@@ -26,13 +27,8 @@ Found = tuple[Array, NDArray[np.int32]]
 
 def distance(points: Array) -> Array:
     """(n,), distance of points (n, 2) from the T; 0 inside."""
-    x, y = points[:, 0], points[:, 1]
-    boxes = []
-    for x0, x1, y0, y1 in RECTANGLES:
-        dx = np.maximum(np.maximum(x0 - x, x - x1), 0.0)
-        dy = np.maximum(np.maximum(y0 - y, y - y1), 0.0)
-        boxes.append(np.hypot(dx, dy))
-    return np.minimum(*boxes)
+    outside = np.maximum(np.maximum(_LOW - points, points - _HIGH), 0.0)
+    return np.asarray(np.hypot(outside[..., 0], outside[..., 1]).min(axis=0))
 
 
 def clearance(a: Array, b: Array) -> Array:
@@ -48,14 +44,10 @@ def clearance(a: Array, b: Array) -> Array:
 
 def _crosses(a: Array, way: Array) -> NDArray[np.bool_]:
     inverse = 1.0 / np.where(np.abs(way) < 1e-12, 1e-12, way)
-    crossing = np.zeros(len(a), dtype=bool)
-    for x0, x1, y0, y1 in RECTANGLES:
-        first = (np.array([x0, y0]) - a) * inverse
-        second = (np.array([x1, y1]) - a) * inverse
-        enter = np.minimum(first, second).max(axis=1)
-        leave = np.maximum(first, second).min(axis=1)
-        crossing |= (enter <= leave) & (leave >= 0) & (enter <= 1)
-    return crossing
+    first, second = (_LOW - a) * inverse, (_HIGH - a) * inverse  # (2, n, 2)
+    enter = np.minimum(first, second).max(axis=2)
+    leave = np.maximum(first, second).min(axis=2)
+    return np.asarray(((enter <= leave) & (leave >= 0) & (enter <= 1)).any(axis=0))
 
 
 def step_back(agent: Array) -> Array:
