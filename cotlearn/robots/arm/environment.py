@@ -68,8 +68,7 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
             raise ValueError(f"width and height must be at most {task.PICTURE}, got {self.size}")
         self._state_limits = np.outer([-task.FAR, task.FAR], np.ones(len(task.columns(kind))))
         self.observation_space = spaces.Box(*self._state_limits, dtype=np.float64)
-        low, high = (task.LOW, task.HIGH) if action_type == "tip" else (LOWER, UPPER)
-        self._limits = np.stack([low, high])
+        self._limits = np.stack([task.LOW, task.HIGH] if action_type == "tip" else [LOWER, UPPER])
         self.action_space = spaces.Box(*self._limits.astype(np.float32))
         self._sim: ArmVectorSim
         self._painter: Painter | None = None

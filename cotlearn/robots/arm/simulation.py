@@ -71,9 +71,8 @@ class ArmVectorSim:
     @classmethod
     def from_seeds(cls, seeds: Sequence[int], kind: str = "ring") -> ArmVectorSim:
         """The simulations that `env.reset(seed=...)` would start for these seeds."""
-        return cls(
-            np.array([random_start(np.random.default_rng(seed), kind) for seed in seeds]), kind
-        )
+        starts = [random_start(np.random.default_rng(seed), kind) for seed in seeds]
+        return cls(np.array(starts), kind)
 
     def _place(self, name: str, targets: Array) -> None:
         """Puts the tools there, and complains where that cannot be."""

@@ -140,7 +140,6 @@ def need(module: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            f"{module.partition('.')[0]} is not installed; install it with: "
-            "pip install 'cotlearn[formats]'"
-        ) from error
+        name = module.partition(".")[0]
+        hint = f"{name} is not installed; install it with: pip install 'cotlearn[formats]'"
+        raise ModuleNotFoundError(hint) from error

@@ -12,7 +12,7 @@ import numpy as np
 from cotlearn.robots.episodes.checked import need
 
 
-def read_buffer(path: str | Path, states: Sequence[str] = ("data/state",)) -> tuple[Any, Any, Any]:
+def read_buffer(path: str | Path, states: Sequence[str] = ("data/state",)) -> tuple[Any, ...]:
     """Reads states, actions and ends of a replay buffer (2303.04137).
 
     `pusht_cchi_v7_replay.zarr` and files like it hold data/state (N, 5) with agent x and y, block
@@ -36,10 +36,8 @@ def read_buffer(path: str | Path, states: Sequence[str] = ("data/state",)) -> tu
             group = zarr.open_group(store, mode="r")
             state = next((name for name in states if name in group), states[0])
             names = (state, "data/action", "meta/episode_ends")
-            missing = [name for name in names if name not in group]
-            if missing:
+            if missing := [name for name in names if name not in group]:
                 raise ValueError(f"{path} has no {', no '.join(missing)}: it is no replay buffer")
-            first, second, third = (np.asarray(group[name][:]) for name in names)
-            return first, second, third
+            return tuple(np.asarray(group[name][:]) for name in names)
     except (OSError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} is damaged or not a zarr group: {error}") from error

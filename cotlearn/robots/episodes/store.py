@@ -33,13 +33,12 @@ def read(path: str | Path) -> Episodes:
     if path.suffix == ".npz":
         return read_npz(path)
     if ".zarr" in path.suffixes or (path / ".zgroup").is_file() or (path / "zarr.json").is_file():
-        return Episodes(*read_buffer(path), name=path.name)
+        state, action, ends = read_buffer(path)
+        return Episodes(state, action, ends, name=path.name)
     if (path / "meta" / "info.json").is_file() or any(path.glob("data/**/*.parquet")):
         return read_lerobot(path)
-    raise ValueError(
-        f"the layout of {path} is unknown: expected an .npz of this course, a .zarr of Diffusion "
-        "Policy, or the folder of a LeRobot data set"
-    )
+    known = "an .npz of this course, a .zarr of Diffusion Policy, a LeRobot folder"
+    raise ValueError(f"the layout of {path} is unknown: expected {known}")
 
 
 def write_pictures(path: str | Path, episodes: Episodes, *, size: int = 96) -> None:

@@ -66,9 +66,8 @@ class Simulation:
         bar, stem = task.KEYPOINTS[:4], task.KEYPOINTS[4:]
         # gym-pusht takes the bar's moment of inertia for the stem, too.
         block = pymunk.Body(task.MASS, 2 * pymunk.moment_for_poly(task.MASS, bar))
-        shapes = [pymunk.Poly(block, bar), pymunk.Poly(block, stem)]
         block.center_of_gravity = task.CENTRE_OF_GRAVITY
-        space.add(block, *shapes)
+        space.add(block, pymunk.Poly(block, bar), pymunk.Poly(block, stem))
         block.angle = angle  # first: turning is about the centre of gravity
         block.position = x, y
         self._space, self._agent, self._block, self._velocity = space, agent, block, (0.0, 0.0)

@@ -174,9 +174,9 @@ def _travel(world: Simulation, way: Array, tolerance: float) -> Generator[Array,
 
 def _fine(way: Array) -> Array:
     """Points along a way, `_GRAIN` apart."""
-    counts = np.ceil(np.linalg.norm(np.diff(way, axis=0), axis=1) / _GRAIN).astype(int).clip(1)
+    counts = np.ceil(np.hypot(*np.diff(way, axis=0).T) / _GRAIN).clip(1)
     legs = zip(way[:-1], way[1:], counts, strict=True)
-    pieces = [np.linspace(a, b, count + 1)[1:] for a, b, count in legs]
+    pieces = [a + (b - a) * (np.arange(1, n + 1) / n)[:, None] for a, b, n in legs]
     return np.concatenate([way[:1], *pieces])
 
 

@@ -94,8 +94,7 @@ def value() -> Value:
     grid = np.stack(np.meshgrid(PLACES, PLACES, TURNS, indexing="ij"), axis=-1)
     at_goal = reached(grid.reshape(-1, 3)).reshape(grid.shape[:3])
     table = np.hypot(grid[..., 0], grid[..., 1]) / 8 + np.abs(grid[..., 2]) * 10 + APPROACH
-    table[at_goal] = 0.0
-    table = table.astype(np.float32)  # in single precision it is twice as fast
+    table = np.where(at_goal, 0.0, table).astype(np.float32)  # twice as fast as in double
     moves = [_move(angle, pushes) for angle in TURNS]
     cost = (pushes.steps + APPROACH).astype(np.float32)[:, None, None]
     for _ in range(SWEEPS):

@@ -57,15 +57,13 @@ class Pushes:
         return Pushes(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
-def push_targets(
-    world: Simulation, start: Array, direction: Array, length: float
-) -> Iterator[Array]:
+def push_targets(world: Simulation, start: Array, along: Array, length: float) -> Iterator[Array]:
     """Where to pull the agent at each step of a push, until it is over; all in the world."""
     for _ in range(MOST_STEPS):
-        done = float((np.array(world.state[:2]) - start) @ direction)
+        done = float((np.array(world.state[:2]) - start) @ along)
         if done > length - CLOSE:
             return
-        yield start + min(done + AHEAD, length) * direction
+        yield start + min(done + AHEAD, length) * along
 
 
 @functools.lru_cache(maxsize=1)
