@@ -329,7 +329,7 @@ B = batch()
     [
         (lambda: ModelAligned("hard"), ValueError, "variant must be one of weighted, topk, full"),
         (lambda: ModelAligned(fraction=0.0), ValueError, "fraction must be above 0"),
-        (lambda: ModelAligned(fraction=1.1), ValueError, "fraction must be above 0"),
+        (lambda: ModelAligned(fraction=1.1), ValueError, "fraction must lie in"),
         (lambda: ModelAligned(fraction=math.nan), ValueError, "fraction"),
         (lambda: ModelAligned(fraction="some"), TypeError, "fraction must be a number"),
         (lambda: ModelAligned(boost=-0.5), ValueError, "boost must be at least 0"),

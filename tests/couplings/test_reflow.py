@@ -86,7 +86,7 @@ def test_rows_and_candidates():
         ("teacher", TypeError, "teacher must be a function"),
         (lambda x0, c: x0[:3], ValueError, r"teacher.* must have shape \(16, 2\), got \(3, 2\)"),
         (lambda x0, c: x0 * math.nan, ValueError, "teacher.* has NaN or infinite values"),
-        (lambda x0, c: x0.tolist(), TypeError, "teacher.* must be a floating-point tensor.* list"),
+        (lambda x0, c: x0.tolist(), TypeError, "teacher.* floating-point tensor.* list"),
     ],
 )
 def test_bad_teachers(teacher, error, message):
