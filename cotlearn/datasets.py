@@ -10,13 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from cotlearn.validation import (
-    check_choice,
-    check_condition,
-    check_count,
-    check_matrix,
-    check_same_rows,
-)
+from cotlearn import validation
 
 Array = NDArray[Any]
 Rows = Any  #: a tensor or an array of shape (rows, columns)
@@ -68,10 +62,10 @@ class Dataset:
     name: str = "dataset"
 
     def __post_init__(self) -> None:
-        check_matrix(self.x1, "x1")
+        validation.check_matrix(self.x1, "x1")
         if self.c is not None:
-            object.__setattr__(self, "c", check_condition(self.c))
-            check_same_rows(self.x1, "x1", self.c, "c")
+            object.__setattr__(self, "c", validation.check_condition(self.c))
+            validation.check_same_rows(self.x1, "x1", self.c, "c")
 
     def __len__(self) -> int:
         return len(self.x1)
@@ -90,7 +84,7 @@ class Dataset:
         self, n: int, generator: torch.Generator | None = None
     ) -> tuple[Tensor, Tensor | None]:
         """Draw n rows with replacement: x1 of shape (n, d) and c of shape (n, k), or None."""
-        rows = torch.randint(len(self), (check_count(n, "n"),), generator=generator)
+        rows = torch.randint(len(self), (validation.check_count(n, "n"),), generator=generator)
         return self.x1[rows], None if self.c is None else self.c[rows]
 
     def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
@@ -103,7 +97,7 @@ class Dataset:
         """
         if self.c is None:
             raise ValueError("this data set has no condition: use sample(n)")
-        c = check_condition(c, columns=self.condition_dim)
+        c = validation.check_condition(c, columns=self.condition_dim)
         wanted, index = torch.unique(c, dim=0, return_inverse=True)
         x1 = torch.empty(len(c), self.dim, dtype=self.x1.dtype)
         for i, condition in enumerate(wanted):
@@ -123,7 +117,7 @@ class Dataset:
         distinct = torch.unique(self.c, dim=0).flip(0)
         if len(distinct) <= 64:
             return distinct
-        return self.c[torch.linspace(0, len(self) - 1, check_count(n, "n")).long()]
+        return self.c[torch.linspace(0, len(self) - 1, validation.check_count(n, "n")).long()]
 
 
 @dataclass(frozen=True)
@@ -158,7 +152,7 @@ def digits(split: str = "all") -> Dataset:
     """
     from sklearn.datasets import load_digits
 
-    check_choice(split, "split", ("train", "test", "all"))
+    validation.check_choice(split, "split", ("train", "test", "all"))
     images, labels = load_digits(return_X_y=True)
     x1 = torch.tensor(images, dtype=torch.float32) / 8 - 1
     c = torch.eye(10)[torch.tensor(labels)]
@@ -188,7 +182,7 @@ def sklearn_task(name: str) -> tuple[Dataset, Dataset]:
     """
     from sklearn import datasets
 
-    check_choice(name, "name", SKLEARN_TASKS)
+    validation.check_choice(name, "name", SKLEARN_TASKS)
     if name == "digits_lower":
         images = datasets.load_digits().data
         x1, c = _one_scale(images[:, 32:]), _one_scale(images[:, :32])

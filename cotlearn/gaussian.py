@@ -205,8 +205,7 @@ class AffineFlow:
 
         start = np.eye(d, d + k + 1).ravel()
         end = solve_ivp(derivative, (0, 1), start, method="DOP853", rtol=1e-10, atol=1e-12)
-        last: Array = end.y[:, -1].reshape(d, -1)
-        return last
+        return np.reshape(end.y[:, -1], (d, -1))
 
     def _derivative(self, t: float, M: Array) -> Array:
         """Of M in x = M (x0, c, 1): x is affine in the noise it came from and in c."""

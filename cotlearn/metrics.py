@@ -13,17 +13,9 @@ from scipy import stats
 from scipy.spatial.distance import cdist
 from torch import Tensor
 
+from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.couplings.base import squared_distances, to_numpy
-from cotlearn.validation import (
-    check_array,
-    check_condition,
-    check_count,
-    check_inputs,
-    check_matrix,
-    check_positive,
-    check_same_rows,
-)
 
 CONFIDENCE = 0.95  #: of every interval
 STEPS = 64  #: of Euler, which trace the paths of `straightness`
@@ -50,8 +42,8 @@ def squared_w2(a: Tensor, b: Tensor) -> float:
         a: (n, d).
         b: (m, d); n and m may differ.
     """
-    check_matrix(a, "a")
-    check_matrix(b, "b", columns=a.shape[1])
+    validation.check_matrix(a, "a")
+    validation.check_matrix(b, "b", columns=a.shape[1])
     cost = squared_distances(a, b)
     n, m = cost.shape
     if n == m:
@@ -71,11 +63,11 @@ def joint_squared_w2(a: Tensor, b: Tensor, c: Tensor) -> float:
         b: (n, d).
         c: (n, k), the condition of row i of a and of row i of b.
     """
-    check_matrix(a, "a")
-    check_matrix(b, "b", columns=a.shape[1])
-    c = check_condition(c)
+    validation.check_matrix(a, "a")
+    validation.check_matrix(b, "b", columns=a.shape[1])
+    c = validation.check_condition(c)
     for value, name in ((b, "b"), (c, "c")):
-        check_same_rows(value, name, a, "a")
+        validation.check_same_rows(value, name, a, "a")
     spread = squared_distances(c, c).mean()
     scale = (100 * squared_distances(b, b).mean() / spread) ** 0.5 if spread else 0.0
     heavy = scale * c.double()
@@ -100,7 +92,7 @@ def conditional_squared_w2(
         n: samples for each condition.
         generator: randomness of both samples.
     """
-    check_count(n, "n")
+    validation.check_count(n, "n")
     values = []
     for row in data.conditions():
         repeated = row.expand(n, -1)
@@ -120,15 +112,15 @@ def l2_uvp(mapped: Tensor, truth: Tensor, *, variance: float | None = None) -> f
         variance: the trace of the data's covariance, with a condition averaged over conditions;
             that of `truth` if None.
     """
-    check_matrix(mapped, "mapped")
-    check_matrix(truth, "truth", columns=mapped.shape[1])
-    check_same_rows(mapped, "mapped", truth, "truth")
+    validation.check_matrix(mapped, "mapped")
+    validation.check_matrix(truth, "truth", columns=mapped.shape[1])
+    validation.check_same_rows(mapped, "mapped", truth, "truth")
     if variance is None:
         if len(truth) < 2:
             raise ValueError("variance is missing, and one row of truth does not tell it")
         variance = float(truth.double().var(dim=0).sum())
     error = (mapped.double() - truth.double()).square().sum(dim=1).mean()
-    return 100 * float(error) / check_positive(variance, "variance")
+    return 100 * float(error) / validation.check_positive(variance, "variance")
 
 
 def energy_distance(a: Tensor, b: Tensor) -> float:
@@ -140,8 +132,8 @@ def energy_distance(a: Tensor, b: Tensor) -> float:
         a: (n, d), n at least 2.
         b: (m, d), m at least 2.
     """
-    check_matrix(a, "a")
-    check_matrix(b, "b", columns=a.shape[1])
+    validation.check_matrix(a, "a")
+    validation.check_matrix(b, "b", columns=a.shape[1])
     if min(len(a), len(b)) < 2:
         raise ValueError(f"a and b need at least 2 rows each, got {len(a)} and {len(b)}")
     x, y = to_numpy(a), to_numpy(b)
@@ -166,7 +158,7 @@ def straightness(
         x0: (n, d) noise to start from.
         c: (n, k), or None.
     """
-    check_inputs(velocity, x0, c, "x0")
+    validation.check_inputs(velocity, x0, c, "x0")
     path = [x0]
     for step in range(STEPS):
         v = velocity(torch.tensor(step / STEPS, dtype=x0.dtype, device=x0.device), path[-1], c)
@@ -183,8 +175,8 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
         successes: between 0 and trials.
         trials: at least 1.
     """
-    check_count(trials, "trials")
-    check_count(successes, "successes", minimum=0)
+    validation.check_count(trials, "trials")
+    validation.check_count(successes, "successes", minimum=0)
     if successes > trials:
         raise ValueError(f"successes must be at most trials {trials}, got {successes}")
     interval = stats.binomtest(successes, trials).proportion_ci(CONFIDENCE, method="wilson")
@@ -200,9 +192,8 @@ def bootstrap_interval(
         values: one value per seed, episode or condition; at least 2.
         seed: of the resampling.
         resamples: means that are drawn.
-        resamples: means that are drawn.
     """
-    array = check_array(np.ravel(values), "values", (None,))
+    array = validation.check_array(np.ravel(values), "values", (None,))
     if len(array) < 2:
         raise ValueError(f"values must be at least 2 numbers, got {array.tolist()}")
     rng = np.random.default_rng(seed)
@@ -225,8 +216,8 @@ def paired_bootstrap(
     Returns:
         Mean, lower end, upper end.
     """
-    a = check_array(first, "first", (None, None))
-    difference = a - check_array(second, "second", a.shape)
+    a = validation.check_array(first, "first", (None, None))
+    difference = a - validation.check_array(second, "second", a.shape)
     seeds, episodes = difference.shape
     if episodes < 2:
         raise ValueError(f"first must have at least 2 episodes (columns), got shape {a.shape}")
@@ -262,17 +253,13 @@ def energy_scores(samples: Tensor, truth: Tensor) -> Tensor:
         samples: (m, n, d), m at least 2 samples for each of n conditions.
         truth: (n, d), what was observed.
     """
-    check_matrix(truth, "truth")
-    if not isinstance(samples, Tensor):
-        raise TypeError(f"samples must be a tensor, got {type(samples).__name__}")
-    if samples.ndim != 3 or len(samples) < 2 or samples.shape[1:] != truth.shape:
-        raise ValueError(
-            f"samples must have shape (at least 2, {', '.join(map(str, truth.shape))}), got "
-            f"{tuple(samples.shape)}"
-        )
-    check_matrix(samples.flatten(0, 1), "samples")
+    validation.check_matrix(truth, "truth")
+    if np.ndim(samples) != 3 or (m := len(samples)) < 2:
+        got = tuple(np.shape(samples))
+        raise ValueError(f"samples must have shape (at least 2, n, d), got {got}")
+    validation.check_shape(samples, "samples", (m, *truth.shape))
+    validation.check_matrix(samples.flatten(0, 1), "samples")
     samples = samples.to(torch.promote_types(samples.dtype, torch.float32))  # cdist has no half
-    m = len(samples)
     off = (samples - truth).norm(dim=2).mean(dim=0)
     among = torch.cdist(samples.transpose(0, 1), samples.transpose(0, 1)).sum(dim=(1, 2))
     return off - among / (m * (m - 1)) / 2

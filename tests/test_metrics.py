@@ -303,7 +303,10 @@ def test_energy_score_is_least_for_the_law_itself():
         (lambda: paired_bootstrap(np.zeros(3), np.zeros(3)), r"first must have shape \(any, any\)"),
         (lambda: paired_bootstrap(np.zeros((2, 1)), np.zeros((2, 1))), "at least 2 episodes"),
         (lambda: paired_bootstrap(np.full((1, 3), np.nan), np.zeros((1, 3))), "first has NaN"),
-        (lambda: energy_score(torch.zeros(1, 3, 2), torch.zeros(3, 2)), "at least 2, 3, 2"),
+        (
+            lambda: energy_score(torch.zeros(1, 3, 2), torch.zeros(3, 2)),
+            r"at least 2, n, d\), got \(1, 3, 2\)",
+        ),
         (
             lambda: energy_score(torch.zeros(2, 3, 2), torch.zeros(4, 2)),
             "samples must have",

@@ -18,18 +18,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from cotlearn import validation
 from cotlearn.couplings.base import Coupling, Pairs, Sampler, Source, generator_for
 from cotlearn.flows.matching import Loss, conditional_flow_matching_loss, weighted_mean
 from cotlearn.flows.prefetch import has_spare_core, prefetch
 from cotlearn.progress import progress_bar
 from cotlearn.storage import load_tensors, save_tensors
-from cotlearn.validation import (
-    check_choice,
-    check_count,
-    check_inputs,
-    check_positive,
-    check_share,
-)
 
 LOSS_RANDOMNESS = 1  #: keeps the times of the loss apart from the pairs (see `generator_for`)
 SCHEDULES = ("cosine", "constant")
@@ -116,17 +110,17 @@ def fit(
         KeyboardInterrupt: Ctrl-C, after the checkpoint has been written.
     """
     _check_kinds(network, data, coupling)
-    check_count(log_every, "log_every")
-    check_count(checkpoint_every, "checkpoint_every")
+    validation.check_count(log_every, "log_every")
+    validation.check_count(checkpoint_every, "checkpoint_every")
     ot_batch_size = batch_size if ot_batch_size is None else ot_batch_size
     plan = {
-        "steps": check_count(steps, "steps"),
-        "batch_size": check_count(batch_size, "batch_size"),
-        "ot_batch_size": check_count(ot_batch_size, "ot_batch_size"),
-        "seed": check_count(seed, "seed", minimum=0),
-        "learning_rate": check_positive(learning_rate, "learning_rate"),
-        "schedule": check_choice(schedule, "schedule", SCHEDULES),
-        "ema": check_share(ema, "ema"),
+        "steps": validation.check_count(steps, "steps"),
+        "batch_size": validation.check_count(batch_size, "batch_size"),
+        "ot_batch_size": validation.check_count(ot_batch_size, "ot_batch_size"),
+        "seed": validation.check_count(seed, "seed", minimum=0),
+        "learning_rate": validation.check_positive(learning_rate, "learning_rate"),
+        "schedule": validation.check_choice(schedule, "schedule", SCHEDULES),
+        "ema": validation.check_share(ema, "ema"),
         "coupling": repr(coupling),
         "data": str(getattr(data, "name", type(data).__name__)),
         "loss": str(getattr(loss, "__qualname__", repr(loss))),
@@ -153,7 +147,7 @@ def fit(
             coupling.observe(state.averaged, state.step)
             pairs = next(batches)
             if state.step == first:
-                check_inputs(network, pairs.x1, pairs.c, "x1")
+                validation.check_inputs(network, pairs.x1, pairs.c, "x1")
             _gradient_step(state, pairs.map(lambda value: value.to(device)), loss)
             state.step += 1
             state.seconds += time.perf_counter() - started

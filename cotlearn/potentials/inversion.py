@@ -125,21 +125,19 @@ def solve_curvature(
         A = t[:, None, None] * given.hessian(z)
         A.diagonal(dim1=1, dim2=2).add_((1 - t)[:, None])
         _check_finite(A.sum(dim=(1, 2)), "Hessian")
-        return _or_downhill(torch.linalg.solve_ex(A, right)[0], right)
-    with torch.enable_grad():
-        z = z.detach().requires_grad_(True)
-        slope = given.gradient(z)
+        p = torch.linalg.solve_ex(A, right)[0]
+    else:
+        with torch.enable_grad():
+            z = z.detach().requires_grad_(True)
+            slope = given.gradient(z)
 
-    def product(v: Tensor) -> Tensor:
-        (Hv,) = torch.autograd.grad(slope, z, v, retain_graph=True)
-        return t[:, None] * Hv + (1 - t)[:, None] * v
+        def product(v: Tensor) -> Tensor:
+            (Hv,) = torch.autograd.grad(slope, z, v, retain_graph=True)
+            return t[:, None] * Hv + (1 - t)[:, None] * v
 
-    _check_finite(product(right).sum(dim=1), "Hessian")
-    return _or_downhill(_conjugate_gradients(product, right, accuracy), right)
-
-
-def _or_downhill(p: Tensor, right: Tensor) -> Tensor:
-    """The right-hand side instead, in rows where the matrix is singular to working precision."""
+        _check_finite(product(right).sum(dim=1), "Hessian")
+        p = _conjugate_gradients(product, right, accuracy)
+    # Where the matrix is singular to working precision: the right-hand side, which is downhill.
     return torch.where(torch.isfinite(p).all(dim=1, keepdim=True), p, right)
 
 
