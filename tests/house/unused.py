@@ -145,6 +145,12 @@ class _Reader(ast.NodeVisitor):
         if text.isidentifier() and not self.is_package:
             self.found.names[text] += 1  # getattr, a table of names, an entry point
 
+    def visit_Dict(self, node: ast.Dict) -> None:
+        for key, value in zip(node.keys, node.values, strict=True):
+            if isinstance(key, ast.Constant) and isinstance(key.value, str):  # **options, later
+                self.found.options["replace", key.value].append(self._handed_on(value))
+        self.generic_visit(node)
+
     def visit_Call(self, node: ast.Call) -> None:
         name = _called(node.func)
         arguments = node.args
