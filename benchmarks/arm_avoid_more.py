@@ -12,8 +12,6 @@ records the demonstrations first (8 minutes; the first 4,000 are the course's), 
 data/results/arm_avoid_more.json. An interrupted run goes on.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -11,8 +11,6 @@ Needs `pip install torchcfm` (with --no-deps it installs nothing else).
     python benchmarks/assignment.py
 """
 
-from __future__ import annotations
-
 import statistics
 import time
 from collections.abc import Callable

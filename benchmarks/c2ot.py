@@ -14,8 +14,6 @@ Stratified and semidiscrete pairs need finite data: 20,000 rows, drawn once; the
 rows for ever. Model-aligned "full" has a batch of 64, its limit. Interrupted runs go on.
 """
 
-from __future__ import annotations
-
 import argparse
 import functools
 import math

@@ -1,7 +1,5 @@
 """Opens the table that a benchmark fills (`cotlearn.results.Table`)."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 import sys

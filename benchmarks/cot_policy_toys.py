@@ -11,8 +11,6 @@ writes data/results/cot_policy_toys.json. NFE 2 is measured twice: two Euler ste
 step. An interrupted run goes on.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

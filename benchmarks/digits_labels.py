@@ -11,8 +11,6 @@ rows that are stored are kept. Notebook 03 shows that table and repeats one row 
 another.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import math

@@ -16,8 +16,6 @@ writes data/results/frontier.json cell by cell; a run that was stopped goes on w
 digits have a file of their own: `--data digits --output data/results/frontier_digits.json`.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -13,8 +13,6 @@ probable under the label they were asked for; `spread`, the trace of the samples
 a label over that of the data.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -22,8 +22,6 @@ that the finished network would choose.
 writes data/results/mac.json. An interrupted run goes on.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -25,8 +25,6 @@ l2_uvp_longest.json: some methods with five times as many steps, and one with te
 where the short budget does not show what they can reach. An interrupted run goes on.
 """
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

@@ -12,8 +12,6 @@ by the state, again with finer strata and another seed. Some five CPU minutes a 
 writes data/results/pixel_conditions.json. An interrupted run goes on.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 from functools import partial
 from typing import Any

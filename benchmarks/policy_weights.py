@@ -13,8 +13,6 @@ without finding and pairing all.
     python -m cotlearn.assets
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -11,8 +11,6 @@ and starts as in `push_t_strata.py`, which has strata of the chunks themselves.
 writes data/results/push_t_centred.json. An interrupted run goes on.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import asdict, replace
 from typing import Any

@@ -9,8 +9,6 @@ to the choice? One training seed, a third of the steps, and starts that no other
 writes data/results/push_t_choices.json. An interrupted run goes on.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -8,8 +8,6 @@ For each coupling of `cotlearn bench push-t` and of `benchmarks/push_t_strata.py
 writes data/results/push_t_skew.json. An interrupted run goes on.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import asdict
 from typing import Any

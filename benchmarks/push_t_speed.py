@@ -7,8 +7,6 @@ Usage::
 It needs gym-pusht 0.1.8 and shapely (see tests/robots/push_t_peer.py); times are those of the CPU.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import math
 import sys

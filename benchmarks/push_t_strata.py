@@ -10,8 +10,6 @@ and a third of the steps of `cotlearn bench push-t`.
 writes data/results/push_t_strata.json. An interrupted run goes on.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from cells import opened

@@ -1,7 +1,5 @@
 """A Push-T policy trained for a while and rolled out, for the benchmarks of single choices."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from cotlearn.metrics import bootstrap_interval

@@ -8,8 +8,6 @@ turns; the medians are reported.
     python benchmarks/training_overhead.py
 """
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Callable
 from typing import Any

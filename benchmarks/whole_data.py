@@ -11,8 +11,6 @@ less the size before, data included; the resident size is Linux's or macOS's.
     python benchmarks/whole_data.py
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import sys
 import time

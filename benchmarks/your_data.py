@@ -13,8 +13,6 @@ rule of recommend was settled on other data (petals, fork, digits by label, wind
 the arm's ring) before any of these networks was scored. All of it takes about 7 CPU minutes.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

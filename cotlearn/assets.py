@@ -4,8 +4,6 @@ Data files are compared with the SHA-256 sums in `data/SHA256SUMS` when they are
 change of the data, `python -m cotlearn.assets` writes that file anew.
 """
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 import re

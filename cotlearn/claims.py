@@ -1,7 +1,5 @@
 """Claims: sentences of the course that a cell asserts on every run."""
 
-from __future__ import annotations
-
 #: How a claim that holds is printed; the notebook runner counts lines that begin like this.
 HOLDS = "✓ claim: "
 

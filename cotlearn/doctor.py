@@ -1,7 +1,5 @@
 """What `cotlearn doctor` looks at: Python, packages, processor, rendering, data, disk."""
 
-from __future__ import annotations
-
 import io
 import os
 import platform

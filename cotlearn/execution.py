@@ -1,7 +1,5 @@
 """Executes notebooks without a browser, in the Python that this package is installed in."""
 
-from __future__ import annotations
-
 import os
 import re
 import time

@@ -1,7 +1,5 @@
 """Files written atomically: whoever reads one sees the old or the new file, whole."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import uuid

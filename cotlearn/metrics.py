@@ -1,7 +1,5 @@
 """How good samples are: distances between samples, straightness of paths, intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol, TypeAlias
 

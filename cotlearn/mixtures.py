@@ -5,8 +5,6 @@ Gaussians, its density, fresh samples and the velocity field of the *independent
 standard normal noise are exact: they are the oracles of the course.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """One progress bar for the whole course."""
 
-from __future__ import annotations
-
 import os
 import sys
 from typing import Any

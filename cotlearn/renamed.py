@@ -1,7 +1,5 @@
 """Old names that still work, with a warning, for one minor version; CHANGELOG lists them."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.abc
 import importlib.machinery

@@ -1,7 +1,5 @@
 """Results on disk: cells that are computed once, with the versions and the machine beside them."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 import os

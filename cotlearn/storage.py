@@ -1,7 +1,5 @@
 """Tensors on disk: safetensors, written atomically, with a digest that finds a damaged byte."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

@@ -3,8 +3,6 @@
 Each check names the argument, what came and what was expected.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

@@ -7,8 +7,6 @@ came out: links inside the site, texts of figures, and that nothing is loaded fr
 needs no network.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -9,8 +9,6 @@ are shown the pages load reveal.js, require.js and, for formulas, MathJax from t
 `--reveal` names another place for the first of them.
 """
 
-from __future__ import annotations
-
 import argparse
 import logging
 import sys

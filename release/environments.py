@@ -1,7 +1,5 @@
 """What the scripts of this folder share: commands, and environments of their own."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import venv

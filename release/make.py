@@ -8,8 +8,6 @@ the exact versions of constraints.txt in an empty environment, far from the chec
 `release/try_wheel.py` there. It downloads what pip has not cached.
 """
 
-from __future__ import annotations
-
 import filecmp
 import shutil
 import subprocess

@@ -6,8 +6,6 @@ FOLDER is where the wheel is unpacked, if it is not installed. With --run the do
 everything, and the first notebook is executed, which takes a minute.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import os

@@ -8,8 +8,6 @@ build/versions, with this checkout, and the unit tests run there. torch is large
 Linux: --torch takes one version for both, such as a CPU build that pip finds (UV_FIND_LINKS).
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

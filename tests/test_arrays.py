@@ -4,8 +4,6 @@ It must either work, or raise ValueError or TypeError with the name of an argume
 error, never a silent NaN, and never may it change what it was given.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import fnmatch

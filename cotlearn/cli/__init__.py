@@ -3,8 +3,6 @@
 One file holds one group of commands. None imports torch before a command that needs it runs.
 """
 
-from __future__ import annotations
-
 import sys
 
 import typer

@@ -1,7 +1,5 @@
 """`cotlearn bench`: runs the comparisons behind stored tables."""
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """`cotlearn demos`: makes the demonstrations that the course ships."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

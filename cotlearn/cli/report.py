@@ -1,7 +1,5 @@
 """`cotlearn report`: which coupling for data of one's own, as a page to read."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What all commands say and how they end: one console, errors, and what is not installed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NoReturn

@@ -1,7 +1,5 @@
 """`cotlearn train`: trains a policy, saves it, and tries it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """C2OT: conditional OT whose weight is found for each batch."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from dataclasses import dataclass, field
 

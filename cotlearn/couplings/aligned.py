@@ -1,7 +1,5 @@
 """Model-aligned coupling (MAC): the model says which pairs are easy for it."""
 
-from __future__ import annotations
-
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 

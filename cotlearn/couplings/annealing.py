@@ -3,8 +3,6 @@
 Compiled by Numba when first called, like `augmenting.py`, which makes the assignment exact.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

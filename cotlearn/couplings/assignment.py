@@ -11,8 +11,6 @@ costs are much nearer to each other than that, as within clusters that lie far a
 `benchmarks/assignment.py` measures it beside torchcfm, SciPy and POT.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import ot
 from numpy.typing import NDArray

@@ -12,8 +12,6 @@ This is the one place where the course needs compiled loops. Numba compiles them
 first called (two seconds, kept in a cache).
 """
 
-from __future__ import annotations
-
 import heapq
 
 import numpy as np

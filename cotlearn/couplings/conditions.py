@@ -4,8 +4,6 @@ The network is always given the condition itself; these functions decide what th
 Each is fitted once, on the training set, keeps what it fitted, and is called as f(c) -> (n, m).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass

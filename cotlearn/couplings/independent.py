@@ -1,7 +1,5 @@
 """The independent coupling: row i of the noise meets row i of the data."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

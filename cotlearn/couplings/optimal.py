@@ -1,7 +1,5 @@
 """Minibatch optimal transport: noise meets near data, whatever the condition."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reflow: pairs made by a flow that is trained already, the honest distillation baseline."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any

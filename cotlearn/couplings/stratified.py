@@ -1,7 +1,5 @@
 """Stratified OT: one exact assignment per condition cluster and epoch."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass
 from typing import Any

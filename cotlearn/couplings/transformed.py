@@ -1,7 +1,5 @@
 """Pair data as they look from their condition: in its frame, or about its conditional mean."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Diagnostics of a trained network: does test noise cost it anything, and where is its error?"""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The frontier: skew against one-step variance of a coupling, without training a network."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """The first Euler step, learned in a second: what a one-step model would make of these pairs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from operator import itemgetter
 from typing import Any

@@ -1,7 +1,5 @@
 """Which coupling for these data? Read off the frontier, with the reason in words."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

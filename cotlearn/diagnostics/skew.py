@@ -1,7 +1,5 @@
 """Skew: does the noise of training depend on the condition? Two tests."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How much of the data's variance lies between conditions, and how much within."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

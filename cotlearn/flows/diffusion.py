@@ -1,7 +1,5 @@
 """DDPM and DDIM on the same networks: the baseline that flow matching policies are measured by."""
 
-from __future__ import annotations
-
 import math
 
 import torch

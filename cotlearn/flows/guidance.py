@@ -3,8 +3,6 @@
 The missing condition is a row of zeros, which no one-hot label is.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import torch

@@ -1,7 +1,5 @@
 """Conditional flow matching: the straight path, its velocity, and the loss."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias

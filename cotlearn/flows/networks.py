@@ -1,7 +1,5 @@
 """Velocity networks."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import itertools

@@ -1,7 +1,5 @@
 """Prepare the next items of an iterator in the background, while the current one is used."""
 
-from __future__ import annotations
-
 import os
 from collections import deque
 from collections.abc import Generator, Iterator

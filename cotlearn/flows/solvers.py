@@ -1,7 +1,5 @@
 """Solvers of dx/dt = v(t, x, c) from noise (t = 0) to data (t = 1), counting evaluations."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

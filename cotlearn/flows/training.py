@@ -1,7 +1,5 @@
 """The one training loop: any coupling, any network, any loss."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import math

@@ -5,8 +5,6 @@ tests begin and end. The notebooks of the course are read in the same way; their
 cells tagged "check", and have no hidden tests.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ What was found about a notebook is written at once, to a file of its own, and us
 same notebook is graded with the same tests. So a run can be killed at any moment and given again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import hashlib

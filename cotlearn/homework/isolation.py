@@ -8,8 +8,6 @@ The first half of this file is the parent, which starts the process and listens;
 what happens in the process: run the cells, check the answer, run the hidden tests.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import inspect

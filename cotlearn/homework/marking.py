@@ -1,7 +1,5 @@
 """Marks one notebook: every question in its own process, with a sentence about each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Imported once by the server from which the processes of questions start: all that takes time."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import threading

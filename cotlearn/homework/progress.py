@@ -4,8 +4,6 @@ In a checkout it is `.cotlearn-progress.json` in its root, else `.cotlearn/progr
 user's home.
 """
 
-from __future__ import annotations
-
 import contextlib
 import datetime
 import json

@@ -3,8 +3,6 @@
 The obstacle is not solid: the finger may run over it, and that is counted.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -4,8 +4,6 @@
 them in a hidden test of the homework.
 """
 
-from __future__ import annotations
-
 import difflib
 import enum
 import functools

@@ -3,8 +3,6 @@
 For instructors; otter-grader comes with the extra `instructor`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import json

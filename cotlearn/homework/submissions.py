@@ -4,8 +4,6 @@ An answer is run with the cells that define the names it uses, and with no other
 plays around, fails or never ends costs nothing unless an answer needs it.
 """
 
-from __future__ import annotations
-
 import builtins
 import re
 import symtable

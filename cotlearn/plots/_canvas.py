@@ -1,7 +1,5 @@
 """What every figure needs: arrays to draw, panels, axes, legends."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import matplotlib.pyplot as plt

@@ -1,7 +1,5 @@
 """The arm: paths of its tip from above and in space, and a drawing of the arm itself."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

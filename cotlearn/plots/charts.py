@@ -1,7 +1,5 @@
 """Numbers along an axis: sweeps, error and score against evaluations, histograms."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Functions of the plane: velocities, potentials, and what their maps make of nets and curves."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection

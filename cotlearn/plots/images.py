@@ -1,7 +1,5 @@
 """Small images, side by side: ink on white, and pictures in colour."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

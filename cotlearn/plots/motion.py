@@ -1,7 +1,5 @@
 """Animations: small, extra, and never carrying the argument."""
 
-from __future__ import annotations
-
 import base64
 import io
 import tempfile

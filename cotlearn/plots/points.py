@@ -1,7 +1,5 @@
 """Points of the plane: samples, the pairs of a coupling, and the paths of a flow."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Push-T from above: a state, the path of the T in an episode, chunks of actions, an animation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

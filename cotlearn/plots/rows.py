@@ -1,7 +1,5 @@
 """One row a name: bars, our results beside published ones, differences, and a heat map."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

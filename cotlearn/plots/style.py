@@ -6,8 +6,6 @@ of Okabe and Ito (https://jfly.uni-koeln.de/color/), with some more from Paul To
 (https://sronpersonalpages.nl/~pault/), as are the colours of conditions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import cycle
 from typing import Any, NamedTuple

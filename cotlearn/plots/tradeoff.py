@@ -1,7 +1,5 @@
 """The frontier: couplings between skew and one-step variance."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

@@ -6,8 +6,6 @@ must be the pose of the T, which is known in training and never shown. The veloc
 the chunk as if from the T, at the pose that the encoder believes in.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """What it takes to train policies on pictures: a camera, its network, loss and condition."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Roll policies out in many worlds at once, from the same starts and with the same noise."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What the course trains and compares, by name: a task and the options of its trainings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from cotlearn.policies.methods import METHODS

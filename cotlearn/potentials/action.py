@@ -7,8 +7,6 @@ integrand is 0 at every point, so the middle does not matter and what is left is
 optimal transport (2510.27385).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeAlias
 

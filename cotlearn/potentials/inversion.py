@@ -1,7 +1,5 @@
 """Solve (1 - t) z + t grad Psi(z; c) = y for z: batched, damped Newton. Nothing flows back."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass

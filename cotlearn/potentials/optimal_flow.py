@@ -6,8 +6,6 @@ have the same expected gradient: `optimal_flow_matching_loss` compares velocitie
 `dual_loss` is their integral over time in closed form.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

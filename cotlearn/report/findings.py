@@ -1,7 +1,5 @@
 """What a report says: the look at the data, the recommendation, and a model that was tried."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

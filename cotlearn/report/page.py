@@ -1,7 +1,5 @@
 """The findings as one HTML page that needs nothing else: figures inside, no network, no scripts."""
 
-from __future__ import annotations
-
 import base64
 import importlib.metadata
 import io

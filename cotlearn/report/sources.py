@@ -1,7 +1,5 @@
 """Data of your own: arrays, an .npz, a LeRobot folder, a Diffusion Policy zarr."""
 
-from __future__ import annotations
-
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path

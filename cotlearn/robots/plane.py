@@ -1,7 +1,5 @@
 """Turning in the plane."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cotlearn.robots.task import Array

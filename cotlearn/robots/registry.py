@@ -1,7 +1,5 @@
 """The tasks of the course, by name: a new task needs its line here, and is known everywhere."""
 
-from __future__ import annotations
-
 from cotlearn.robots.arm.definition import ARM_AVOID, ARM_RING
 from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.robots.task import Task

@@ -1,7 +1,5 @@
 """What a task is: all that recordings, episodes, policies and rollouts need to know about it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol

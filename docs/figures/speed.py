@@ -3,8 +3,6 @@
 python docs/figures/speed.py
 """
 
-from __future__ import annotations
-
 import json
 import statistics
 from pathlib import Path

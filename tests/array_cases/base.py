@@ -1,7 +1,5 @@
 """What a case is, and arrays that many of them share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

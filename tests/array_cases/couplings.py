@@ -1,7 +1,5 @@
 """Couplings and what they see of a condition; diagnostics."""
 
-from __future__ import annotations
-
 import torch
 
 from array_cases.base import PAIRS, X0, X1, C, D, N, add, g, labels, rows

@@ -1,7 +1,5 @@
 """Mixtures, rows, and the Gaussian case that is solved."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

@@ -1,7 +1,5 @@
 """Networks, losses, integration; metrics."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

@@ -1,7 +1,5 @@
 """Policies act on histories of states."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from array_cases.base import add, rows

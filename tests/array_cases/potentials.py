@@ -1,7 +1,5 @@
 """Convex potentials and actions."""
 
-from __future__ import annotations
-
 from unittest import mock
 
 import torch

@@ -1,7 +1,5 @@
 """What the reference lists, and which of it takes arrays."""
 
-from __future__ import annotations
-
 import fnmatch
 import importlib
 import inspect

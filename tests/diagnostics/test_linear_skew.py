@@ -1,7 +1,5 @@
 """Linear skew: its level, its power in many dimensions, and what it is blind to."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

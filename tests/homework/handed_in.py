@@ -1,7 +1,5 @@
 """Small notebooks for the tests of marking and grading."""
 
-from __future__ import annotations
-
 import nbformat
 
 SETUP = "import torch\nfrom cotlearn.homework import check"

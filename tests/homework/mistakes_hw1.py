@@ -1,7 +1,5 @@
 """Typical wrong answers to homework 1, and words of the hint that each must get."""
 
-from __future__ import annotations
-
 import math
 
 import torch

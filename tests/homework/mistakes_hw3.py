@@ -1,7 +1,5 @@
 """Typical wrong answers to homework 3, and words of the hint that each must get."""
 
-from __future__ import annotations
-
 import torch
 
 

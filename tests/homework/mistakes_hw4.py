@@ -1,7 +1,5 @@
 """Typical wrong answers to homework 4, and words of the hint that each must get."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cotlearn.robots.push_t import GOAL

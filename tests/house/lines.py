@@ -3,8 +3,6 @@
 Usage: python tests/house/lines.py cotlearn tests
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import sys

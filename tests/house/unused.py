@@ -5,8 +5,6 @@ README, benchmarks and scripts. What is found is a suspicion by name: a use of a
 `fit` counts for all of them.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import re

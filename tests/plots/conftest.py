@@ -1,7 +1,5 @@
 """Figures are drawn without a screen, in the course's style, and closed after each test."""
 
-from __future__ import annotations
-
 import matplotlib
 
 matplotlib.use("Agg")

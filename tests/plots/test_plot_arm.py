@@ -1,7 +1,5 @@
 """The arm's paths, and the arm itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection

@@ -1,7 +1,5 @@
 """Curves, error and scores against evaluations, histograms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

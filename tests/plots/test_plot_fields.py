@@ -1,7 +1,5 @@
 """Velocities, contours, nets and outlines."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

@@ -1,7 +1,5 @@
 """Small images."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """Animations and films."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Samples in the plane, pairs, paths and panels."""
 
-from __future__ import annotations
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest

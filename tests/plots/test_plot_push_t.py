@@ -1,7 +1,5 @@
 """Push-T from above."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.patches import Circle

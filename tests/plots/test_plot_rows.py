@@ -1,7 +1,5 @@
 """Bars, our seeds beside published numbers, differences and heat maps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """Every method keeps one look, and a stranger's look is its own."""
 
-from __future__ import annotations
-
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import to_rgb

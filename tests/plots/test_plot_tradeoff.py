@@ -1,7 +1,5 @@
 """The frontier."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import matplotlib.pyplot as plt

@@ -9,8 +9,6 @@
 registered with `exercise`.
 """
 
-from __future__ import annotations
-
 import copy
 import functools
 import inspect

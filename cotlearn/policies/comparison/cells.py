@@ -1,7 +1,5 @@
 """The cells of a comparison: trains and rolls out what is missing."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import time

@@ -1,7 +1,5 @@
 """What the frontier chooses before any training: COT's condition weight, the number of strata."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a trained policy is worth: rollouts, energy score, modes, latency."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One file about all cells of a comparison: means, every seed, intervals, differences."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The arm's two tasks, each as a `Task`."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The arm among its pillars as lines and surfaces of matplotlib, for where there is no OpenGL."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The gymnasium environments `cotlearn/ArmRing-v0` and `cotlearn/ArmAvoid-v0`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -1,7 +1,5 @@
 """The arm's world seen along the way to the goal."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -4,8 +4,6 @@ The lengths and angles are the Denavit-Hartenberg parameters of the Franka Panda
 convention, as its maker publishes them. A rod is fixed to the flange along its axis.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """MuJoCo's model of the arm in a world with pillars. MuJoCo is imported when it is needed."""
 
-from __future__ import annotations
-
 import functools
 import importlib
 import os

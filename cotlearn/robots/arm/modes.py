@@ -1,7 +1,5 @@
 """The mode of a path: which way the tip passes the pillars."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -6,8 +6,6 @@ A driver can end the process that tries it, and a process can use only one of th
 tried in a process of its own, once.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 import os

@@ -5,8 +5,6 @@ is a rod that always points straight down; its tip is what moves. Pillars are up
 cylinder with a round top.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """LeRobot's layout of Push-T: parquet tables, one row a frame, and JSON that describes them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

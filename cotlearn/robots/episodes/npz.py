@@ -9,8 +9,6 @@
 - about: a JSON text: how the file was made, and the SHA-256 of the arrays.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import zipfile

@@ -1,7 +1,5 @@
 """Diffusion Policy's replay buffers: a zarr group with data/ and meta/episode_ends."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path

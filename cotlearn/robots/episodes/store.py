@@ -1,7 +1,5 @@
 """Read demonstrations of every layout; write them as pictures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How many modes the demonstrator shows from the same starts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

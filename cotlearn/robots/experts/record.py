@@ -3,8 +3,6 @@
 `cotlearn.robots.episodes.npz` says what a file holds.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import shutil
 from pathlib import Path

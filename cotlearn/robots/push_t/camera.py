@@ -1,7 +1,5 @@
 """What a policy with a camera sees of a scene of Push-T."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Push-T as a `Task`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cotlearn.robots.experts.push_t import PushTExpert

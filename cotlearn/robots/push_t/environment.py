@@ -1,7 +1,5 @@
 """The gymnasium environment `cotlearn/PushT-v0`."""
 
-from __future__ import annotations
-
 import copy
 import math
 from typing import Any

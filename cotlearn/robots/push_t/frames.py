@@ -1,7 +1,5 @@
 """Push-T seen from the T, from the agent, or as it is."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cotlearn.robots.plane import rotate

@@ -13,8 +13,6 @@ and the mean of a clamped linear function has a closed form. Nothing is divided 
 could vanish, so edges that lie on one another do no harm.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 

@@ -6,8 +6,6 @@ that moves by a tenth of a pixel changes the picture, and 48 x 48 of these pixel
 many that are on or off.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The demonstrator of the arm: it chooses every mode with the same probability."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

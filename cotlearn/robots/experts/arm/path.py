@@ -1,7 +1,5 @@
 """Paths of the tip: through which points, and how smoothly."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline

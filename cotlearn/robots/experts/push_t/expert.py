@@ -1,7 +1,5 @@
 """The demonstrator of Push-T: plan a push, go around the T, push, plan again."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ frame of the goal, and by how much it is turned. A push takes (x, y, angle) to
 0 where the goal is reached, on a grid that is fine near the goal and coarse far from it.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Paths around the T for the agent: clearances and a visibility graph, in the frame of the T."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
