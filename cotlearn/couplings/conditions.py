@@ -179,6 +179,8 @@ class PCAKMeansCondition(Clusters):
         pixels = c[:, : self.pixels]
         if self.pixels not in (None, pixels.shape[1]):
             raise ValueError(f"pixels is {self.pixels}, but c has only {c.shape[1]} columns")
+        if self.components > (most := min(pixels.shape)):
+            raise ValueError(f"components must be at most {most} for this c, got {self.components}")
         pca = PCA(self.components, random_state=self.seed).fit(to_numpy(pixels))
         fitted = {"mean": pca.mean_, "basis": pca.components_}
         return {name: torch.from_numpy(value).to(c) for name, value in fitted.items()}

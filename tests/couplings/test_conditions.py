@@ -182,7 +182,7 @@ C = torch.randn(10, 3)
         (
             lambda: PCAKMeansCondition(components=4, clusters=2).fit(C),
             ValueError,
-            "components=4 must be between",
+            "components must be at most 3 for this c",
         ),
         (lambda: PCAKMeansCondition(components=2, clusters=11).fit(C), ValueError, "clusters must"),
         (
