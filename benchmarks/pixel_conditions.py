@@ -24,8 +24,8 @@ from torch import Tensor
 
 from cotlearn.assets import find_data
 from cotlearn.couplings import Coupling, EmbeddedClusters, KMeansCondition, Transformed
-from cotlearn.policies.camera import CameraNetwork, turned_with_t
 from cotlearn.policies.methods import Method, find_method
+from cotlearn.policies.pixels import CameraNetwork, turned_with_t
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.settings import SETTINGS
 from cotlearn.policies.training import Options

@@ -18,7 +18,7 @@ MODULES = {
     "cotlearn.robots.rollout": "cotlearn.policies.rollout",
     "cotlearn.robots.settings": "cotlearn.policies.settings",
     "cotlearn.robots.training": "cotlearn.policies.training",
-    "cotlearn.robots.visuomotor": "cotlearn.policies.camera",
+    "cotlearn.robots.visuomotor": "cotlearn.policies.pixels",
 }
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet
-from cotlearn.policies.camera import CameraNetwork
+from cotlearn.policies.pixels import CameraNetwork
 from cotlearn.policies.samplers import SAMPLERS, Sampler
 from cotlearn.policies.windows import Windows
 from cotlearn.renamed import renamed

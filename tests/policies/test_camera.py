@@ -10,11 +10,17 @@ from cotlearn.couplings.base import generator_for
 from cotlearn.flows.diffusion import Diffusion
 from cotlearn.flows.matching import conditional_flow_matching_loss
 from cotlearn.flows.solvers import integrate
-from cotlearn.policies.camera import CameraLoss, CameraNetwork, TurnedMLP, shifted, turned_with_t
 from cotlearn.policies.comparison import choice
 from cotlearn.policies.comparison.choice import choose, with_choice
 from cotlearn.policies.methods import METHODS
-from cotlearn.policies.pixels import Pixels
+from cotlearn.policies.pixels import (
+    CameraLoss,
+    CameraNetwork,
+    Pixels,
+    TurnedMLP,
+    shifted,
+    turned_with_t,
+)
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.samplers import FlowSampler
 from cotlearn.policies.settings import SETTINGS
