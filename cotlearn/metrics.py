@@ -143,9 +143,7 @@ def energy_distance(a: Tensor, b: Tensor) -> float:
 
 @torch.no_grad()
 def straightness(
-    velocity: Callable[[Tensor, Tensor, Tensor | None], Tensor],
-    x0: Tensor,
-    c: Tensor | None = None,
+    velocity: Callable[[Tensor, Tensor, Tensor | None], Tensor], x0: Tensor, c: Tensor | None = None
 ) -> float:
     """E int |v(t, x_t, c) - (x1 - x0)|^2 dt along the flow's own paths (Liu 2209.03003, eq. 3).
 

@@ -9,13 +9,7 @@ from torch import Tensor, nn
 
 from cotlearn.couplings.assignment import exact_permutation, sinkhorn_plan
 from cotlearn.couplings.base import Array, Coupling, Index, Match, near_rows, squared_distances
-from cotlearn.validation import (
-    check_choice,
-    check_count,
-    check_number,
-    check_positive,
-    check_share,
-)
+from cotlearn.validation import check_choice, check_count, check_number, check_positive, check_share
 
 VARIANTS = ("weighted", "topk", "full")
 LIMIT = 64  #: rows of a "full" batch with continuous conditions: B^2 evaluations

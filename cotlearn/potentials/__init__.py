@@ -11,12 +11,7 @@ from cotlearn.potentials.optimal_flow import (
     optimal_flow_matching_loss_at,
     transport,
 )
-from cotlearn.potentials.truth import (
-    ConditionalGaussian,
-    KnownMap,
-    LogSumExp,
-    eight_gaussians_map,
-)
+from cotlearn.potentials.truth import ConditionalGaussian, KnownMap, LogSumExp, eight_gaussians_map
 
 __all__ = [
     "ICNN",

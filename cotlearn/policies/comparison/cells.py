@@ -12,7 +12,7 @@ import numpy as np
 from cotlearn.metrics import mode_entropy
 from cotlearn.policies.comparison import scores
 from cotlearn.policies.comparison.choice import choose
-from cotlearn.policies.methods import METHODS, find_method
+from cotlearn.policies.methods import find_method
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.training import Options, train
 from cotlearn.results import Folder, Say, Values, machine, read_json, write_json
@@ -129,8 +129,8 @@ def bench(
     *,
     folder: Path,
     weights: Path,
-    methods: Sequence[str] = tuple(METHODS),
-    seeds: Sequence[int] = (0, 1, 2),
+    methods: Sequence[str],
+    seeds: Sequence[int],
     protocol: Protocol | None = None,
     say: Say = print,
 ) -> None:

@@ -12,6 +12,5 @@ from cotlearn.robots.push_t.task import GOAL
 __all__ = ["GOAL", "PushTVectorSim", "Simulation", "corners", "coverage", "random_state"]
 
 __getattr__ = renamed(
-    __name__,
-    {"Simulations": "PushTVectorSim", "PushT": "cotlearn.robots.push_t.environment:PushT"},
+    __name__, {"Simulations": "PushTVectorSim", "PushT": "cotlearn.robots.push_t.environment:PushT"}
 )
