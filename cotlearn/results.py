@@ -52,18 +52,14 @@ def read_json(path: Path, *keys: str) -> Values:
 
 
 class Store:
-    """Cells that are computed one after the other; an interrupted run goes on where it stopped."""
+    """Cells that are computed one after the other; an interrupted run goes on where it stopped.
 
-    def holds(self, key: Any) -> bool:
-        """Whether a cell is there already."""
-        raise NotImplementedError
-
-    def keep(self, key: Any, values: Values) -> None:
-        """Writes a cell, with "seconds" and "cpu_seconds" among its values."""
-        raise NotImplementedError
+    A kind of store has `holds(key)`, whether a cell is there, and `keep(key, values)`, which writes
+    one, with "seconds" and "cpu_seconds" among its values.
+    """
 
     def fill(
-        self, keys: Sequence[Any], compute: Callable[[Any], Values], *, say: Say = print
+        self: Any, keys: Sequence[Any], compute: Callable[[Any], Values], *, say: Say = print
     ) -> None:
         """Computes the cells that are missing, each stored at once."""
         missing = [key for key in keys if not self.holds(key)]

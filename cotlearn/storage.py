@@ -12,8 +12,6 @@ from torch import Tensor
 
 from cotlearn.files import atomic_path
 
-__all__ = ["atomic_path", "load_tensors", "save_tensors"]
-
 _KEY = "cotlearn"
 
 

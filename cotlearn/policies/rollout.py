@@ -60,9 +60,6 @@ class Rollouts:
     chunks: int
     states: Array | None = None
 
-    def __len__(self) -> int:
-        return len(self.seed)
-
     def __getitem__(self, outcome: str) -> Array:
         if outcome not in self.outcomes:
             raise KeyError(f"{outcome!r} is none of {', '.join(self.outcomes)}")

@@ -4,18 +4,9 @@
 ``examine(rows)`` looks, recommends, trains and scores; ``write_page(findings, path)`` tells it.
 """
 
-from cotlearn.report.findings import Findings, Trial, examine
+from cotlearn.report.findings import Trial, examine
 from cotlearn.report.model import FewStepModel
 from cotlearn.report.page import write_page
 from cotlearn.report.sources import Rows, from_arrays, read_data
 
-__all__ = [
-    "FewStepModel",
-    "Findings",
-    "Rows",
-    "Trial",
-    "examine",
-    "from_arrays",
-    "read_data",
-    "write_page",
-]
+__all__ = ["FewStepModel", "Rows", "Trial", "examine", "from_arrays", "read_data", "write_page"]

@@ -29,6 +29,8 @@ PROTOCOL = {
 }
 #: What is random can be repeated by whoever wants to.
 RANDOMNESS = {"seed", "generator"}
+#: What files that were saved before may hold.
+STORED = {("DDPMSampler", "levels")}
 #: Typer's functions are called with what is typed.
 COMMANDS = ROOT / "cotlearn" / "cli"
 _BLOCK = re.compile(
@@ -268,7 +270,7 @@ def unused() -> list[str]:
         for child in list(children[d.name]):
             names |= children[child]
         for option, position in d.options.items():
-            if option in RANDOMNESS:
+            if option in RANDOMNESS or (d.name, option) in STORED:
                 continue
             known = any((name, option) in real for name in names) or option in replaced
             by_place = any(found.positions[name] > position for name in names)

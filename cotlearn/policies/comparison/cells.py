@@ -131,7 +131,7 @@ def bench(
     weights: Path,
     methods: Sequence[str],
     seeds: Sequence[int],
-    protocol: Protocol | None = None,
+    protocol: Protocol,
     say: Say = print,
 ) -> None:
     """Fills the cells that are missing, one after the other.
@@ -151,13 +151,12 @@ def bench(
     Raises:
         ValueError: an unknown method, or a cell in the folder was made with another protocol.
     """
-    protocol = protocol or Protocol()
     rows = [find_method(method) for method in methods]
     training, held = split(episodes, held_out=protocol.held_out, train=protocol.train_episodes)
     record = protocol.record(episodes)
     work = _Bench(training, held, protocol, record, weights, say)
-    numbers = [check_count(seed, "seeds", minimum=0) for seed in seeds]
-    names = [f"{row.name}-{seed}" for seed in numbers for row in rows]
+    seeds = [check_count(seed, "seeds", minimum=0) for seed in seeds]
+    names = [f"{row.name}-{seed}" for seed in seeds for row in rows]
     Folder(folder, record, read=read_record).fill(names, work.cell, say=say)
     work.demonstrate(folder / DEMONSTRATED)
 
