@@ -9,7 +9,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cotlearn import couplings
 from cotlearn.couplings import (
+    AdaptiveConditionalOT,
     ConditionalOT,
     Coupling,
     FixedPairs,
@@ -17,6 +19,7 @@ from cotlearn.couplings import (
     MinibatchOT,
     ModelAligned,
     Pairs,
+    Reflow,
     SemidiscreteOT,
     StratifiedOT,
     Transformed,
@@ -55,6 +58,20 @@ WHOLE = [
     Transformed(StratifiedOT(), lambda x, c: x),
 ]
 SEARCH = [SemidiscreteOT(1.0, iterations=5)]
+# Not every batch will do for them: their own files try them.
+ELSEWHERE = {AdaptiveConditionalOT, Coupling, FixedPairs, Reflow}
+
+
+def new_couplings():
+    """What the package exports and no list above names: a new coupling is tried here at once."""
+    known = {type(coupling) for coupling in COUPLINGS + WHOLE + SEARCH} | ELSEWHERE
+    exported = [getattr(couplings, name) for name in couplings.__all__]
+    kinds = [kind for kind in exported if isinstance(kind, type) and issubclass(kind, Coupling)]
+    return [kind() for kind in kinds if kind not in known]
+
+
+for new in new_couplings():
+    (WHOLE if new.whole_data else COUPLINGS).append(new)
 BATCHES = COUPLINGS + WITH_REPLACEMENT
 # What the semidiscrete coupling keeps to does not need a converged potential.
 pytestmark = pytest.mark.filterwarnings("ignore:the potential has not converged")

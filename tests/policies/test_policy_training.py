@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 from cotlearn import cli, plots
 from cotlearn.couplings import StratifiedOT, Transformed
-from cotlearn.plots.style import LOOKS
 from cotlearn.policies.comparison import choice, scores
 from cotlearn.policies.comparison.cells import Protocol, bench, read_record
 from cotlearn.policies.comparison.choice import choose, with_choice
@@ -258,10 +257,6 @@ def test_a_row_is_all_that_a_new_method_needs(episodes, tmp_path, monkeypatch):
     rows = summarise(tmp_path, tmp_path / "summary.json", command="")["rows"]
     assert [row["method"] for row in rows] == ["nothing"]
     assert plots.label_of("nothing") == "nothing"
-
-
-def test_every_method_of_the_course_has_a_look():
-    assert set(METHODS) <= set(LOOKS)
 
 
 # --- the commands ---------------------------------------------------------------------------------
