@@ -59,10 +59,3 @@ _few = report.FewStepModel(
 )
 add("report.FewStepModel.sample", lambda c: _few.sample(c, generator=g()), c=C)
 add("report.from_arrays", report.from_arrays, x1=X1.numpy(), c=C.numpy(), group=np.arange(N))
-add(
-    "report.from_episodes",
-    lambda state, action, ends: report.from_episodes(state, action, ends, predict=2),
-    state=X0.numpy(),
-    action=X1.numpy(),
-    ends=np.array([2, 6]),
-)

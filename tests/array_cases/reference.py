@@ -13,8 +13,9 @@ _DOCS = Path(__file__).resolve().parents[2] / "docs"
 sys.path.insert(0, str(_DOCS / "extensions"))
 from modules import module_names, public_names  # noqa: E402
 
-_ARRAY = re.compile(r"\b(Tensor|Arrays?|ArrayLike|NDArray|Pairs)\b")
-_FUNCTION = re.compile(r"Callable\[\[.*?\], [^\]]*\]")  # takes arrays itself, and is none
+#: In an annotation, as it was written or as Python spells its value.
+_ARRAY = re.compile(r"\b(Tensor|Arrays?|ArrayLike|NDArray|ndarray|_SupportsArray|Pairs)\b")
+_FUNCTION = re.compile(r"Callable\[(\[.*?\]|\.\.\.), [^\]]*\]")  # takes arrays itself, and is none
 
 #: Patterns of what has no case, and why.
 WITHOUT = {
@@ -23,6 +24,10 @@ WITHOUT = {
     "couplings.Pairs.cat": "puts pairs together, which have been checked",
     "couplings.*.match": "a part of a call, which has looked at everything",
     "couplings.*.candidates": "called by the frontier with batches of a stream",
+    "diagnostics.skew.check_conditioned": "the check itself",
+    "diagnostics.skew.enough_rows": "the check itself",
+    "diagnostics.skew.unit_variance": "a part of prior_skew",
+    "diagnostics.spread.local_variance": "a part of between_within",
     "couplings.*.project": "a part of labels",
     "couplings.*.weight": "a part of a call",
     "couplings.ModelAligned.errors": "a part of a call",

@@ -45,7 +45,7 @@ class Episodes:
     task: Task = PUSH_T
 
     def __post_init__(self) -> None:
-        ends = self._set("ends", "iu", np.shape(self.ends)[:1])
+        ends = self._set("ends", "iu", (np.size(self.ends),))
         if len(ends) == 0 or (np.diff(ends, prepend=0) < 1).any():
             raise ValueError(f"{self.name}: ends must rise, and begin above 0, got {ends}")
         self._set_table("state", self.task.state_limits)
