@@ -16,8 +16,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from sphinx.cmd.build import build_main
-
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 SITE = ROOT / "build" / "site"
@@ -55,7 +53,9 @@ def misspelled(folder: Path) -> list[str]:
 def build(site: Path) -> int:
     """Run Sphinx; warnings are errors. Return its exit status."""
     options = ["-q", "-W", "--keep-going", "-c", str(DOCS), "-d", str(site.parent / "doctrees")]
-    return build_main([*options, str(ROOT), str(site)])
+    # A process of its own: Sphinx changes the signatures of the functions that it describes.
+    command = [sys.executable, "-m", "sphinx", *options, str(ROOT), str(site)]
+    return subprocess.call(command, cwd=ROOT)
 
 
 class Page(HTMLParser):
