@@ -4,10 +4,6 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from cotlearn.diagnostics import recommendation
-from cotlearn.robots.episodes import Episodes
-from cotlearn.robots.push_t import Simulation, random_state
-
 
 def pytest_collection_modifyitems(items):
     """Notebooks first, then files with slow tests: what is long must not begin at the end."""
@@ -33,6 +29,8 @@ def pytest_terminal_summary(terminalreporter):
 @pytest.fixture
 def two_candidates(monkeypatch):
     """`recommend` compares two couplings only, where it is not its choice that is tested."""
+    from cotlearn.diagnostics import recommendation
+
     of_all = recommendation.candidates
     monkeypatch.setattr(
         recommendation, "candidates", lambda x1, c: dict(islice(of_all(x1, c).items(), 2))
@@ -42,6 +40,9 @@ def two_candidates(monkeypatch):
 @pytest.fixture(scope="session")
 def episodes():
     """A few short episodes of an agent that runs through the middle of the T, with noise."""
+    from cotlearn.robots.episodes import Episodes
+    from cotlearn.robots.push_t import Simulation, random_state
+
     rng = np.random.default_rng(0)
     states, actions, ends, seeds = [], [], [], []
     for seed in range(12):

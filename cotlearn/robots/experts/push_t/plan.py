@@ -78,8 +78,8 @@ def after(relative: Array, pushes: Pushes) -> Array:
 
 def reached(relative: Array) -> NDArray[np.bool_]:
     """(n,), where relative poses (n, 3) cover the goal by more than `ENOUGH`."""
-    angle = _wrap(relative[:, 2])
-    near = (np.abs(relative[:, :2]).max(axis=1) < 8.0) & (np.abs(angle) < 0.15)
+    near = np.flatnonzero((np.abs(relative[:, 0]) < 8.0) & (np.abs(relative[:, 1]) < 8.0))
+    near = near[np.abs(_wrap(relative[near, 2])) < 0.15]
     found = np.zeros(len(relative), dtype=bool)
     found[near] = coverage(world_pose(relative[near])) > ENOUGH
     return found
