@@ -4,10 +4,8 @@ from collections.abc import Callable
 from typing import Protocol, TypeAlias
 
 import numpy as np
-import ot
 import torch
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 from scipy.spatial.distance import cdist
 from torch import Tensor
 
@@ -46,6 +44,8 @@ def squared_w2(a: Tensor, b: Tensor) -> float:
     n, m = cost.shape
     if n == m:
         return float(cost[np.arange(n), exact_permutation(cost)].mean())
+    import ot  # late: it takes two seconds
+
     return float(ot.emd2(np.full(n, 1 / n), np.full(m, 1 / m), cost, numItermax=10_000_000))
 
 
@@ -175,6 +175,8 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     validation.check_count(successes, "successes", minimum=0)
     if successes > trials:
         raise ValueError(f"successes must be at most trials {trials}, got {successes}")
+    from scipy import stats  # late: it takes a second
+
     interval = stats.binomtest(successes, trials).proportion_ci(CONFIDENCE, method="wilson")
     return float(interval.low), float(interval.high)
 
@@ -279,4 +281,6 @@ def mode_entropy(modes: ArrayLike) -> float:
             f"shape {array.shape}"
         )
     counts = [np.unique(row[row >= 0], return_counts=True)[1] for row in array]
+    from scipy import stats  # late: it takes a second
+
     return float(np.mean([stats.entropy(count) if len(count) else 0.0 for count in counts]))

@@ -33,4 +33,6 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a Windows console may not know the tick of "✓"
             stream.reconfigure(errors="replace")
+    # with this package jsonschema builds 38 grammars of web addresses on import, which takes 2 s
+    sys.modules.setdefault("rfc3987_syntax", None)  # type: ignore[arg-type]
     app()

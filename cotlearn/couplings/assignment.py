@@ -12,7 +12,6 @@ costs are much nearer to each other than that, as within clusters that lie far a
 """
 
 import numpy as np
-import ot
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
@@ -70,6 +69,8 @@ def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
     scaled = (cost - cost.min()) / scale  # a constant changes no plan
     if scaled.max() < UNDERFLOW * regularization:
         return _scaled_kernel(np.exp(-scaled / regularization))
+    import ot  # late: it takes two seconds
+
     weights = np.full(len(cost), 1 / len(cost))
     plan: Array = ot.sinkhorn(
         weights, weights, scaled, regularization, method="sinkhorn_log", numItermax=SINKHORN_STEPS,

@@ -11,8 +11,6 @@ from typing import Any, Self
 
 import numpy as np
 import torch
-from sklearn.cluster import KMeans
-from sklearn.decomposition import PCA
 from torch import Tensor
 
 from cotlearn.couplings.base import WithOptions, to_numpy
@@ -181,6 +179,8 @@ class PCAKMeansCondition(Clusters):
             raise ValueError(f"pixels is {self.pixels}, but c has only {c.shape[1]} columns")
         if self.components > (most := min(pixels.shape)):
             raise ValueError(f"components must be at most {most} for this c, got {self.components}")
+        from sklearn.decomposition import PCA  # late: it takes a second
+
         pca = PCA(self.components, random_state=self.seed).fit(to_numpy(pixels))
         fitted = {"mean": pca.mean_, "basis": pca.components_}
         return {name: torch.from_numpy(value).to(c) for name, value in fitted.items()}
@@ -253,6 +253,8 @@ def _k_means(rows: Any, clusters: int, seed: int) -> Any:
     most = max(50_000, 16 * clusters)
     if len(rows) > most:
         rows = rows[rng.choice(len(rows), most, replace=False)]
+    from sklearn.cluster import KMeans  # late: it takes a second
+
     return KMeans(clusters, n_init=1, random_state=seed).fit(rows).cluster_centers_
 
 

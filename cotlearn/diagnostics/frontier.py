@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy import stats
-from sklearn.neighbors import NearestNeighbors
 from torch import Tensor
 
 from cotlearn.couplings.base import Coupling, Pairs, generator_for, to_numpy
@@ -184,6 +182,8 @@ def _point(draws: Any, test: Dataset, seed: int, **known: Any) -> FrontierPoint:
     ]
     statistics = np.array([found.statistic for found in skews])
     middle = float(statistics.mean())
+    from scipy import stats  # late: it takes a second
+
     reach = float(stats.t.ppf(0.975, len(skews) - 1) * stats.sem(statistics))
     pairs: Any = draws[0]
     pool = torch.cat([p.x0 for p in draws]), torch.cat([p.c for p in draws])
@@ -217,6 +217,8 @@ def one_step_error(pairs: Any, test: Any, seed: int = 0) -> float:
     rows = torch.randperm(len(test), generator=rng)[:1000]
     x0 = pairs.x0[torch.randperm(len(pairs), generator=rng)[: len(rows)]]
     rows = rows[: len(x0)]
+    from sklearn.neighbors import NearestNeighbors  # late: it takes a second
+
     near = NearestNeighbors(n_neighbors=NEIGHBOURS).fit(_places(pairs, pairs.x0, pairs.c))
     index = near.kneighbors(_places(pairs, x0, test.c[rows]), return_distance=False)
     mean = torch.from_numpy(to_numpy(pairs.x1)[index].mean(axis=1))

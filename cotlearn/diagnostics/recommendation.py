@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from scipy import stats
 from torch import Tensor
 
 from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, StratifiedOT
@@ -162,4 +161,6 @@ def beyond_chance(point: FrontierPoint, *, of: int) -> float:
     points.
     """
     rows = len(point.scores)  # type: ignore[arg-type]
+    from scipy import stats  # late: it takes a second
+
     return float(stats.t.ppf(1 - CHANCE / of, max(1, rows - 1)))

@@ -5,9 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy import stats
-from sklearn.neighbors import NearestNeighbors
-from sklearn.preprocessing import PolynomialFeatures
 from torch import Tensor
 
 from cotlearn.couplings.base import to_numpy
@@ -66,6 +63,8 @@ def prior_skew(x0: Tensor, c: Tensor, *, generator: torch.Generator | None = Non
     noise, condition = unit_variance(to_numpy(x0)[rows]), unit_variance(to_numpy(c)[rows])
     condition[half:] = rng.permutation(condition[half:])
     shuffled = np.arange(len(rows)) >= half
+    from sklearn.neighbors import NearestNeighbors  # late: it takes a second
+
     nearest = NearestNeighbors(n_neighbors=NEIGHBOURS).fit(np.hstack([noise, condition]))
     near = nearest.kneighbors(return_distance=False)
 
@@ -143,6 +142,8 @@ def linear_skew(x0: Tensor, c: Tensor, *, degree: int = 1, cells: int | None = N
     if degree not in (1, 2):
         raise ValueError(f"degree must be 1 or 2, got {degree!r}")
     if cells is None:
+        from sklearn.preprocessing import PolynomialFeatures  # late: it takes a second
+
         polynomials = PolynomialFeatures(degree, include_bias=False)
         features = polynomials.fit_transform(_standardised(to_numpy(c)))
     else:  # 1 for the cell of c in which a row lies
@@ -158,6 +159,8 @@ def linear_skew(x0: Tensor, c: Tensor, *, degree: int = 1, cells: int | None = N
     if not d or not p:
         return LinearSkew(0.0, 1.0, False)
     share = float(np.square(noise.T @ features).sum()) / d
+    from scipy import stats  # late: it takes a second
+
     p_value = float(stats.chi2.sf((n - 1) * d * share, d * p))
     explained = 1 - (1 - share) * (n - 1) / (n - p - 1)
     return LinearSkew(explained, p_value, p_value <= SIGNIFICANCE)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.neighbors import NearestNeighbors
 from torch import Tensor
 
 from cotlearn.couplings.base import to_numpy
@@ -64,6 +63,8 @@ def local_variance(
     places: NDArray[np.float64], values: NDArray[np.float64], neighbours: int
 ) -> NDArray[np.float64]:
     """tr Var of the values at the nearest places (the place itself included), for each row."""
+    from sklearn.neighbors import NearestNeighbors  # late: it takes a second
+
     near = NearestNeighbors(n_neighbors=neighbours + 1).fit(places)
     index = near.kneighbors(places, return_distance=False)
     local: NDArray[np.float64] = values[index].var(axis=1, ddof=1).sum(axis=1)

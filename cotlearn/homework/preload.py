@@ -1,6 +1,5 @@
 """Imported once by the server from which the processes of questions start: all that takes time."""
 
-import importlib
 import os
 import threading
 
@@ -9,12 +8,10 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMB
 os.environ["MPLBACKEND"] = "agg"
 os.environ["COTLEARN_PROGRESS"] = "0"
 
-for module in ("cotlearn.plots", "cotlearn.diagnostics"):
-    importlib.import_module(module)
-
 import torch  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
+from cotlearn import diagnostics, plots  # noqa: E402, F401
 from cotlearn.homework import exercises  # noqa: E402
 from cotlearn.metrics import squared_w2  # noqa: E402
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from torch import Tensor
 
 from cotlearn.datasets import Dataset
@@ -183,6 +182,8 @@ class Windows:
         """The spline through where the tool is now and the knots, at every step."""
         if self.knots is None:
             return values
+        from scipy.interpolate import CubicSpline  # late: it takes a second
+
         here = self._frame.to_frame(history[:, -1:, : values.shape[-1]], history)
         times = np.concatenate([[0], self._knot_steps])
         curve = CubicSpline(

@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
 
 from cotlearn.robots.arm import task
 from cotlearn.robots.task import Array
@@ -77,6 +76,8 @@ def minimum_jerk(points: ArrayLike, times: ArrayLike, at: ArrayLike) -> Array:
     Returns:
         (n, d).
     """
+    from scipy.interpolate import make_interp_spline  # late: it takes a second
+
     still = np.zeros((2, np.shape(points)[1]))
     at_rest = list(zip((1, 2), still, strict=True))  # no speed, no acceleration
     return np.asarray(make_interp_spline(times, points, k=5, bc_type=(at_rest, at_rest))(at))

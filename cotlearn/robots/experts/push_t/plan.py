@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import interpn
 
 from cotlearn.robots.experts.push_t.pushes import MIDDLE, Pushes, library
 from cotlearn.robots.plane import rotate
@@ -50,6 +49,8 @@ class Value:
 
     def __call__(self, relative: Array) -> Array:
         """(n,), the value of relative poses (n, 3); of those beyond the grid, at its edge."""
+        from scipy.interpolate import interpn  # late: it takes a second
+
         places = relative[:, :2].clip(PLACES[0], PLACES[-1])
         turns = _wrap(relative[:, 2]).clip(TURNS[0], TURNS[-1])
         at = np.column_stack([places, turns])
