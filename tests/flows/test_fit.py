@@ -334,27 +334,36 @@ def test_training_in_a_thread():
 
 
 SCRIPT = """
+    import os
     import sys
     sys.path.insert(0, {folder!r})
     from test_fit import Hooked, interrupt, kill, train
 
-    train(loss=Hooked(19, {what}), checkpoint={path!r}, checkpoint_every=5)
+    child = os.fork()  # which is killed, and this process interrupted
+    if child:
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+    what = interrupt if child else kill
+    path = os.path.join({where!r}, what.__name__)
+    train(loss=Hooked(19, what), checkpoint=path, checkpoint_every=5)
 """
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory):
+    """A folder with the checkpoint of a process that ended so, and what both left."""
+    where = tmp_path_factory.mktemp("ended")
+    script = textwrap.dedent(SCRIPT).format(folder=os.path.dirname(__file__), where=str(where))
+    command = [sys.executable, "-c", script]
+    return where, subprocess.run(command, check=False, capture_output=True, text=True)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
 @pytest.mark.parametrize("what", ["kill", "interrupt"])
-def test_a_killed_process_resumes_to_the_same_result(tmp_path, what):
-    path = tmp_path / "run.safetensors"
-    script = SCRIPT.format(folder=os.path.dirname(__file__), path=str(path), what=what)
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(script)],
-        check=False,
-        capture_output=True,
-        text=True,
-    )
+def test_a_killed_process_resumes_to_the_same_result(ended, what):
+    where, done = ended
+    path = where / what
     if what == "kill":
-        assert done.returncode == -signal.SIGKILL
+        assert int(done.stdout) == -signal.SIGKILL
     else:
         assert done.returncode != 0
         assert "KeyboardInterrupt: training stopped after step 19" in done.stderr

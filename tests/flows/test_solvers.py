@@ -54,21 +54,22 @@ def test_order_of_convergence(method):
         assert math.log2(coarse / fine) == pytest.approx(order, abs=0.15)
 
 
+def curved(nfe, method):
+    """Along the velocity of a mixture."""
+    x0, c = 0.7 * start(), torch.eye(4, dtype=torch.float64)[[0, 1, 2, 3, 0]]
+    return integrate(petals().velocity, x0, c, nfe=nfe, method=method).x1
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return curved(4000, "rk4")
+
+
 @pytest.mark.parametrize("method", FIXED)
-def test_order_of_convergence_of_a_curved_field(method):
+def test_order_of_convergence_of_a_curved_field(method, exact):
     """The velocity of a mixture: nonlinear in x, so that a wrong stage cannot hide."""
     per_step, order = FIXED[method]
-    data = petals()
-    x0, c = 0.7 * start(), torch.eye(4, dtype=torch.float64)[[0, 1, 2, 3, 0]]
-    exact = integrate(data.velocity, x0, c, nfe=4000, method="rk4").x1
-    errors = [
-        float(
-            (integrate(data.velocity, x0, c, nfe=n * per_step, method=method).x1 - exact)
-            .abs()
-            .max()
-        )
-        for n in (100, 200)
-    ]
+    errors = [float((curved(n * per_step, method) - exact).abs().max()) for n in (100, 200)]
     assert math.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35)
 
 
