@@ -190,8 +190,8 @@ def test_squared_w2_is_the_mean_over_conditions_of_that_between_gaussians(flow):
 
 @flows
 def test_skew_is_the_distance_of_the_noise_given_c_from_the_prior(flow):
-    """Over points c with the moments of its law: mean of x0 given c squared, plus the Bures term."""
-    d, k = flow.problem.A.shape
+    """Over points with the moments of c: mean of x0 given c squared, plus the Bures term."""
+    d = len(flow.problem.b)
     x0_c, S_c = flow.joint[:d, 2 * d :], flow.joint[2 * d :, 2 * d :]
     covariance = np.eye(d) - x0_c @ np.linalg.inv(S_c) @ x0_c.T
     mean = with_moments(S_c) @ np.linalg.inv(S_c) @ x0_c.T

@@ -9,7 +9,7 @@ columns. The result is exact whatever the potentials and the threshold are; they
 time.
 
 This is the one place where the course needs compiled loops. Numba compiles them when they are
-first called (two seconds, kept in a cache).
+first called (a few seconds, kept in a cache).
 """
 
 import heapq
@@ -24,19 +24,6 @@ Index = NDArray[np.int64]
 WIDTH = 128  #: near columns that a row remembers, at most
 
 
-@njit(cache=True, nogil=True)
-def _near(cost: Array, rows: Array, columns: Array) -> float:
-    """The reduced cost that about 16 columns of a row do not exceed, more in large batches."""
-    n = len(cost)
-    some = range(0, n, max(1, n // 16))
-    reduced = np.empty((len(some), n))
-    for k, i in enumerate(some):
-        reduced[k] = cost[i] - rows[i] - columns
-    rank = max(16, n // 32) * reduced.size // n
-    return float(np.partition(reduced.ravel(), rank)[rank])
-
-
-@njit(cache=True, nogil=True)
 def assign(cost: Array, rows: Array, columns: Array) -> Index:
     """The permutation p that minimises sum_i cost[i, p[i]].
 
@@ -49,7 +36,17 @@ def assign(cost: Array, rows: Array, columns: Array) -> Index:
         (B,), the column of each row.
     """
     n = len(cost)
-    near = _near(cost, rows, columns)
+    some = slice(None, None, max(1, n // 16))
+    reduced = (cost[some] - rows[some, None] - columns).ravel()
+    rank = max(16, n // 32) * reduced.size // n
+    # about 16 columns of a row do not exceed it, more in large batches
+    return _assign(cost, rows, columns, float(np.partition(reduced, rank)[rank]))
+
+
+@njit(cache=True, nogil=True)
+def _assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
+    """`assign`, where near columns are those whose reduced cost is at most `near`."""
+    n = len(cost)
     near_column = np.empty((n, WIDTH), np.int64)
     near_cost = np.empty((n, WIDTH))
     n_near = np.zeros(n, np.int64)

@@ -89,7 +89,7 @@ class _ByAutodiff:
             return value
 
         in_dims = (0, None if self.c is None else 0)
-        return torch.vmap(torch.func.hessian(one), in_dims)(x, self.c)
+        return torch.vmap(torch.func.jacrev(torch.func.grad(one)), in_dims)(x, self.c)
 
     def rows(self, index: Tensor) -> _ByAutodiff:
         """The same for some of the rows."""
