@@ -84,12 +84,15 @@ class _ByAutodiff:
         return slope
 
     def hessian(self, x: Tensor) -> Tensor:
-        def one(row: Tensor, c: Tensor | None) -> Tensor:
-            value: Tensor = self.potential.value(row[None], None if c is None else c[None])[0]
-            return value
-
-        in_dims = (0, None if self.c is None else 0)
-        return torch.vmap(torch.func.jacrev(torch.func.grad(one)), in_dims)(x, self.c)
+        """Column by column: torch's own spends seconds on imports when it is first called."""
+        keep = torch.is_grad_enabled()
+        with torch.enable_grad():
+            x = x if keep and x.requires_grad else x.detach().requires_grad_(True)
+            (slope,) = torch.autograd.grad(self.value(x).sum(), x, create_graph=True)
+            sums = (slope + 0 * x).sum(dim=0)  # a linear potential's does not depend on x
+            options: Any = {"create_graph": keep, "retain_graph": True}
+            columns = [torch.autograd.grad(total, x, **options)[0] for total in sums]
+        return torch.stack(columns, dim=2)
 
     def rows(self, index: Tensor) -> _ByAutodiff:
         """The same for some of the rows."""
