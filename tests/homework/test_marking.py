@@ -13,9 +13,9 @@ MASTERS = [path.stem for path in assignments.masters()]
 POINTS = {"hw1": 17, "hw2": 14, "hw3": 14, "hw4": 14}
 
 
-def marked(tmp_path, notebook, *, name="hw1.ipynb", hidden=False):
+def marked(tmp_path, notebook, *, name="hw1.ipynb", hidden=False, limits=LIMITS):
     handed_in.write(tmp_path / name, notebook)
-    return mark(tmp_path / name, limits=LIMITS, hidden=hidden)
+    return mark(tmp_path / name, limits=limits, hidden=hidden)
 
 
 def verdicts(result):
@@ -46,7 +46,8 @@ def test_half_done(tmp_path):
 
 def test_an_accident_costs_its_question_only(tmp_path):
     accident = "def euler(velocity, x0, nfe):\n    while True:\n        pass"
-    found = marked(tmp_path, handed_in.homework(handed_in.answers(euler=accident)), hidden=True)
+    notebook = handed_in.homework(handed_in.answers(euler=accident))
+    found = marked(tmp_path, notebook, hidden=True, limits=Limits(seconds=0.5, gigabytes=1))
     assert verdicts(found) == ["correct", "not yet", "not attempted yet", "correct"]
     assert "is there a loop that never ends?" in found.marks[1].sentence
     assert found.points == 8
