@@ -21,7 +21,7 @@ from cells import opened
 
 from cotlearn.policies.comparison.choice import with_choice
 from cotlearn.policies.comparison.scores import held_out_score
-from cotlearn.policies.rollout import FRESH, rollout
+from cotlearn.policies.rollout import EXPLORATION, rollout
 from cotlearn.policies.samplers import FlowSampler
 from cotlearn.policies.settings import SETTINGS
 from cotlearn.policies.training import train
@@ -34,7 +34,7 @@ SETTING: dict[str, Any] = {
     "seed": 0,
     "held_out": 200,
     "rollouts": 200,
-    "first_seed": FRESH + 100_000,
+    "first_seed": EXPLORATION + 100_000,
 }
 METHODS = ("independent", "minibatch_ot", "residual")
 DEMONSTRATIONS = (3_800, 15_800)

@@ -16,7 +16,7 @@ from cells import opened
 from short_training import train_and_roll
 
 from cotlearn.assets import find_data
-from cotlearn.policies.rollout import FRESH
+from cotlearn.policies.rollout import EXPLORATION
 from cotlearn.policies.training import Options
 from cotlearn.robots.episodes import read, split
 
@@ -26,7 +26,7 @@ SETTING = {
     "seed": 0,
     "held_out": 200,
     "rollouts": 100,
-    "first_seed": FRESH + 100_000,
+    "first_seed": EXPLORATION + 100_000,
 }
 CHOICES: dict[str, dict[str, Any]] = {
     "as in the benchmark": {},

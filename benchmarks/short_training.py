@@ -4,7 +4,7 @@ from typing import Any
 
 from cotlearn.metrics import bootstrap_interval
 from cotlearn.policies.methods import Method
-from cotlearn.policies.rollout import FRESH, rollout
+from cotlearn.policies.rollout import EXPLORATION, rollout
 from cotlearn.policies.samplers import FlowSampler
 from cotlearn.policies.training import Options, Trained, train
 from cotlearn.robots.episodes import Episodes
@@ -19,14 +19,14 @@ def train_and_roll(
     *,
     seed: int,
     rollouts: int,
-    first_seed: int = FRESH,
+    first_seed: int = EXPLORATION,
 ) -> dict[str, Any]:
     """Mean best coverage of each sampler with its interval over episodes, and the seconds."""
     trained = train(method, training, seed=seed, options=options)
     return rolled(trained, rollouts=rollouts, first_seed=first_seed)
 
 
-def rolled(trained: Trained, *, rollouts: int, first_seed: int = FRESH) -> dict[str, Any]:
+def rolled(trained: Trained, *, rollouts: int, first_seed: int = EXPLORATION) -> dict[str, Any]:
     """What `train_and_roll` says of a policy that is trained already."""
     done = {
         sampler.name: rollout(

@@ -37,6 +37,9 @@ OPTIONS = {
     "frame": Annotated[str | None, typer.Option(help="What a policy sees and says.")],
     "label": Annotated[str | None, typer.Option(help="intention or action.")],
     "network": Annotated[str | None, typer.Option(help="mlp or unet.")],
+    "prediction": Annotated[
+        str | None, typer.Option(help="Of the network: noise, data or velocity.")
+    ],
 }
 
 

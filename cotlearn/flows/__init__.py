@@ -2,10 +2,11 @@
 
 from cotlearn.flows.guidance import Guided, LabelDropout
 from cotlearn.flows.matching import (
-    OversampleT0,
+    FlowMatching,
     conditional_flow_matching_loss,
     flow_matching_step,
     interpolate,
+    velocity_of,
 )
 from cotlearn.flows.networks import VelocityMLP
 from cotlearn.flows.solvers import Solution, integrate, sampler
@@ -14,9 +15,9 @@ from cotlearn.renamed import renamed
 
 __all__ = [
     "FitResult",
+    "FlowMatching",
     "Guided",
     "LabelDropout",
-    "OversampleT0",
     "Solution",
     "VelocityMLP",
     "conditional_flow_matching_loss",
@@ -25,5 +26,6 @@ __all__ = [
     "integrate",
     "interpolate",
     "sampler",
+    "velocity_of",
 ]
-__getattr__ = renamed(__name__, {"EarlyFlowMatching": "OversampleT0"})
+__getattr__ = renamed(__name__, {"EarlyFlowMatching": "FlowMatching"})

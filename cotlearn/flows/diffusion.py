@@ -1,6 +1,8 @@
 """DDPM and DDIM on the same networks: the baseline that flow matching policies are measured by."""
 
 import math
+from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -10,11 +12,13 @@ from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Velocity, squared_error
 
 SPACINGS = ("leading", "trailing")
+PREDICTIONS = ("noise", "data", "velocity")
 LARGEST_BETA = 0.999
 
 
+@dataclass(frozen=True)
 class Diffusion:
-    """A diffusion model with N noise levels k = 0 .. N-1 whose network predicts the noise.
+    """A diffusion model with N noise levels k = 0 .. N-1.
 
     x_k = sqrt(a_k) x1 + sqrt(1 - a_k) x0 with noise x0, and a_k the squared cosine of Nichol &
     Dhariwal (2102.09672, eq. 17), as in Diffusion Policy (2303.04137). The network is called as
@@ -23,25 +27,48 @@ class Diffusion:
     Args:
         levels: N, at least 2 (Diffusion Policy: 100).
         clip: the predicted x1 is cut to [-clip, clip] while sampling; None for data without range.
-
-    Attributes:
-        alphas_cumprod: a_k, (N,), the share of the data's variance at level k, falling.
+        prediction: what the network predicts: the "noise" x0 (Ho 2006.11239), the "data" x1, or
+            the "velocity" sqrt(a_k) x0 - sqrt(1 - a_k) x1 (Salimans & Ho 2202.00512).
+        zero_terminal_snr: rescale a_k so that the last level is noise alone (Lin 2305.08891,
+            algorithm 1), as sampling from noise assumes; not for a network that predicts the
+            noise, which says nothing about x1 there.
     """
 
-    def __init__(self, levels: int = 100, *, clip: float | None = 1.0) -> None:
-        self.levels = validation.check_count(levels, "levels", minimum=2)
-        self.clip = None if clip is None else validation.check_positive(clip, "clip")
-        self.alphas_cumprod = _squared_cosine(levels)
+    levels: int = 100
+    _: KW_ONLY
+    clip: float | None = 1.0
+    prediction: str = "noise"
+    zero_terminal_snr: bool = False
+
+    def __post_init__(self) -> None:
+        validation.check_count(self.levels, "levels", minimum=2)
+        if self.clip is not None:
+            validation.check_positive(self.clip, "clip")
+        validation.check_choice(self.prediction, "prediction", PREDICTIONS)
+        if self.zero_terminal_snr and self.prediction == "noise":
+            raise ValueError("prediction must be data or velocity with zero_terminal_snr")
+
+    @cached_property
+    def alphas_cumprod(self) -> Tensor:
+        """a_k, (N,), the share of the data's variance at level k, falling."""
+        a = _squared_cosine(self.levels)
+        return _zero_terminal_snr(a) if self.zero_terminal_snr else a
 
     def loss(self, network: Velocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
-        """|network(k / N, x_k, c) - x0|^2 at one uniform level per row, (B,) (2006.11239, eq. 14).
+        """The squared error at one uniform level per row, (B,) (2006.11239, eq. 14).
 
-        It is a loss for `fit`; the coupling must be `Independent`, or x0 would not be noise.
+        It is a loss for `fit`. The noise is the x0 of the pairs, from any coupling.
         """
         k = torch.randint(self.levels, (len(pairs),), generator=generator).to(pairs.x0.device)
         a = self.alphas_cumprod.to(pairs.x0)[k][:, None]
-        x = a.sqrt() * pairs.x1 + (1 - a).sqrt() * pairs.x0
-        return squared_error(network((k / self.levels).to(x), x, pairs.c), pairs.x0)
+        signal, noise = a.sqrt(), (1 - a).sqrt()
+        x = signal * pairs.x1 + noise * pairs.x0
+        target = {
+            "noise": lambda: pairs.x0,
+            "data": lambda: pairs.x1,
+            "velocity": lambda: signal * pairs.x0 - noise * pairs.x1,
+        }[self.prediction]()
+        return squared_error(network((k / self.levels).to(x), x, pairs.c), target)
 
     @torch.no_grad()
     def ddpm(
@@ -90,7 +117,7 @@ class Diffusion:
             nfe: evaluations of the network, at most N.
             spacing: "leading": levels 0, s, 2s, ... with s = floor(N / nfe), the default of
                 Diffusion Policy's; "trailing": N - 1, N - 1 - N / nfe, ..., which starts where
-                there is only noise (2305.08891).
+                there is only noise (2305.08891, with zero_terminal_snr).
         """
         validation.check_inputs(network, x, c)
         levels = self.ddim_levels(nfe, spacing)
@@ -111,11 +138,17 @@ class Diffusion:
     def _split(
         self, network: Velocity, k: int, x: Tensor, c: Tensor | None
     ) -> tuple[Tensor, Tensor]:
-        """The x1 and the noise that the network predicts from x at level k."""
-        noise = network(torch.tensor(k / self.levels, dtype=x.dtype, device=x.device), x, c)
+        """The x1, clipped, and the noise that the network predicts from x at level k."""
+        predicted = network(torch.tensor(k / self.levels, dtype=x.dtype, device=x.device), x, c)
         a = float(self.alphas_cumprod[k])
-        x1 = (x - math.sqrt(1 - a) * noise) / math.sqrt(a)
-        return (x1 if self.clip is None else x1.clamp(-self.clip, self.clip)), noise
+        signal, noise = math.sqrt(a), math.sqrt(1 - a)
+        if self.prediction == "noise":
+            x1, x0 = (x - noise * predicted) / signal, predicted
+        elif self.prediction == "data":
+            x1, x0 = predicted, (x - signal * predicted) / noise
+        else:
+            x1, x0 = signal * x - noise * predicted, noise * x + signal * predicted
+        return (x1 if self.clip is None else x1.clamp(-self.clip, self.clip)), x0
 
 
 def _squared_cosine(levels: int) -> Tensor:
@@ -124,6 +157,12 @@ def _squared_cosine(levels: int) -> Tensor:
     f = ((time + 0.008) / 1.008 * math.pi / 2).cos().square()
     beta = (1 - f[1:] / f[:-1]).clamp(max=LARGEST_BETA)
     return (1 - beta).cumprod(dim=0)
+
+
+def _zero_terminal_snr(a: Tensor) -> Tensor:
+    """Shifts and scales sqrt(a_k): the first stays as it is, the last becomes 0."""
+    root = a.sqrt()
+    return ((root - root[-1]) * root[0] / (root[0] - root[-1])).square()
 
 
 def regression_loss(network: Velocity, pairs: Pairs, generator: torch.Generator) -> Tensor:

@@ -8,12 +8,13 @@ import torch
 from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
-from cotlearn.validation import check_shape, check_share
+from cotlearn.validation import check_choice, check_shape, check_share
 
 #: A velocity field: (t, x, c) -> (B, d), with t a number or of shape (B,).
 Velocity: TypeAlias = Callable[[Tensor, Tensor, Tensor | None], Tensor]
 #: A loss: (network, pairs, generator) -> one value per row of the pairs, shape (B,).
 Loss: TypeAlias = Callable[[Any, Pairs, torch.Generator], Tensor]
+PREDICTIONS = ("velocity", "data")  #: what the network of a flow can be trained to predict
 
 
 def interpolate(x0: Tensor, x1: Tensor, t: Tensor) -> Tensor:
@@ -51,31 +52,51 @@ def conditional_flow_matching_loss(
     Returns:
         (B,), the squared error of each row, summed over dimensions.
     """
-    return _loss_at(network, pairs, uniform_times(pairs, generator))
+    return _loss_at(network, pairs, uniform_times(pairs, generator), "velocity")
 
 
 @dataclass(frozen=True)
-class OversampleT0:
-    """`conditional_flow_matching_loss` that trains a share of the rows at t = 0.
+class FlowMatching:
+    """Conditional flow matching with another share of times, or another target of the network.
 
-    One-step sampling evaluates the velocity at t = 0 alone, which a uniform t hardly ever meets.
+    A network that predicts the data is trained on |network(t, x_t, c) - x1|^2. It stands for the
+    velocity field (network - x_t) / (1 - t), whose errors this loss weighs by (1 - t)^2.
 
     Args:
-        share_at_t0: of the rows, in [0, 1].
+        share_at_t0: share of the rows, in [0, 1], that are trained at t = 0: one-step sampling
+            evaluates the network there alone, and a uniform t hardly ever meets it.
+        prediction: "velocity" or "data".
     """
 
-    share_at_t0: float
+    share_at_t0: float = 0.0
+    prediction: str = "velocity"
 
     def __post_init__(self) -> None:
         check_share(self.share_at_t0, "share_at_t0")
+        check_choice(self.prediction, "prediction", PREDICTIONS)
 
     def __call__(
         self, network: Velocity, pairs: Pairs, generator: torch.Generator | None = None
     ) -> Tensor:
         """The squared error of each row, (B,)."""
-        drawn = torch.rand(len(pairs), generator=generator).to(pairs.x0.device)
-        t = uniform_times(pairs, generator).masked_fill(drawn < self.share_at_t0, 0.0)
-        return _loss_at(network, pairs, t)
+        if self.share_at_t0:
+            drawn = torch.rand(len(pairs), generator=generator).to(pairs.x0.device)
+            t = uniform_times(pairs, generator).masked_fill(drawn < self.share_at_t0, 0.0)
+        else:
+            t = uniform_times(pairs, generator)
+        return _loss_at(network, pairs, t, self.prediction)
+
+
+def velocity_of(network: Velocity, prediction: str = "velocity") -> Velocity:
+    """The velocity field that a network stands for, for t below 1.
+
+    Args:
+        network: trained with `FlowMatching` of the same prediction.
+        prediction: "velocity" returns the network itself; "data" (network - x) / (1 - t).
+    """
+    if check_choice(prediction, "prediction", PREDICTIONS) == "velocity":
+        return network
+    return lambda t, x, c: (network(t, x, c) - x) / (1 - t.reshape(-1, 1))
 
 
 def uniform_times(pairs: Pairs, generator: torch.Generator | None) -> Tensor:
@@ -84,9 +105,9 @@ def uniform_times(pairs: Pairs, generator: torch.Generator | None) -> Tensor:
     return times.to(pairs.x0.device)
 
 
-def _loss_at(network: Velocity, pairs: Pairs, t: Tensor) -> Tensor:
+def _loss_at(network: Velocity, pairs: Pairs, t: Tensor, prediction: str) -> Tensor:
     predicted = network(t, interpolate(pairs.x0, pairs.x1, t), pairs.c)
-    return squared_error(predicted, pairs.x1 - pairs.x0)
+    return squared_error(predicted, pairs.x1 if prediction == "data" else pairs.x1 - pairs.x0)
 
 
 def squared_error(predicted: Tensor, target: Tensor) -> Tensor:

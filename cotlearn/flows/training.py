@@ -121,7 +121,7 @@ def fit(
         "ema": validation.check_share(ema, "ema"),
         "coupling": repr(coupling),
         "data": str(getattr(data, "name", type(data).__name__)),
-        "loss": str(getattr(loss, "__qualname__", repr(loss))),
+        "loss": _name(loss),
     }
     state = _start(network, coupling, plan)
     if checkpoint is not None and Path(checkpoint).exists():
@@ -159,6 +159,13 @@ def fit(
                 raise KeyboardInterrupt(f"training stopped after step {state.step}")
     history = dict(zip(("step", "loss", "seconds"), np.array(state.log).T, strict=True))
     return FitResult(state.averaged.eval(), history)
+
+
+def _name(loss: Loss) -> str:
+    """A loss as a checkpoint notes it: a function's name, or the parameters of an object."""
+    owner = getattr(loss, "__self__", None)
+    name = str(getattr(loss, "__qualname__", repr(loss)))
+    return name if owner is None else f"{owner!r}: {name}"
 
 
 def _start(network: nn.Module, coupling: Coupling, plan: dict[str, Any]) -> _State:

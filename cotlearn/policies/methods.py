@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -18,10 +18,16 @@ from cotlearn import couplings
 from cotlearn.couplings import Coupling, EmbeddedClusters, Independent, StratifiedOT
 from cotlearn.couplings.base import generator_for
 from cotlearn.datasets import Dataset
-from cotlearn.flows.diffusion import Diffusion, predict, regression_loss
-from cotlearn.flows.matching import Loss, OversampleT0, conditional_flow_matching_loss
-from cotlearn.flows.solvers import integrate
-from cotlearn.policies.samplers import DDPMSampler, FlowSampler, MeanSampler, Sampler
+from cotlearn.flows import diffusion, matching
+from cotlearn.flows.diffusion import predict, regression_loss
+from cotlearn.flows.matching import FlowMatching, Loss
+from cotlearn.policies.samplers import (
+    DDPMSampler,
+    FlowSampler,
+    MeanSampler,
+    Sampler,
+    diffusion_of,
+)
 from cotlearn.validation import check_choice
 
 if TYPE_CHECKING:
@@ -29,9 +35,19 @@ if TYPE_CHECKING:
 
 
 def _flow_matching(options: Options) -> Loss:
-    if options.share_at_t0:
-        return OversampleT0(options.share_at_t0)
-    return conditional_flow_matching_loss
+    return FlowMatching(options.share_at_t0, options.prediction)
+
+
+def _flow_sampler(options: Options, clip: float) -> Sampler:
+    return FlowSampler(16, prediction=options.prediction)
+
+
+def _diffusion(options: Options) -> Loss:
+    return diffusion_of(options.prediction).loss
+
+
+def _diffusion_sampler(options: Options, clip: float) -> Sampler:
+    return DDPMSampler(clip=clip, prediction=options.prediction)
 
 
 @dataclass(frozen=True)
@@ -45,7 +61,9 @@ class Method:
         coupling: makes the coupling from the options and the clusters of pictures that were asked
             for; None where there is no camera.
         loss: makes the loss from the options.
-        sampler: makes the sampler of most evaluations from the largest value in the chunks.
+        sampler: makes the sampler of most evaluations from the options and the largest value in the
+            chunks.
+        predictions: that the network can be trained to make, the default first.
         open_option: the option that the frontier chooses where it is None.
         pictures: how many clusters of a camera's pictures the coupling is given; None: none.
         prepare: changes a training before it starts: by a regression, by pairs of a teacher.
@@ -55,10 +73,21 @@ class Method:
     description: str
     coupling: Callable[[Options, EmbeddedClusters | None], Coupling] = lambda *_: Independent()
     loss: Callable[[Options], Loss] = _flow_matching
-    sampler: Callable[[float], Sampler] = lambda clip: FlowSampler(nfe=16)
+    sampler: Callable[[Options, float], Sampler] = _flow_sampler
+    predictions: tuple[str, ...] = matching.PREDICTIONS
     open_option: str = ""
     pictures: Callable[[Options], int | None] | None = None
     prepare: Callable[[Run], None] | None = None
+
+    def settle(self, options: Options) -> Options:
+        """The options, with this method's prediction where they leave it open.
+
+        Raises:
+            ValueError: the method cannot be trained to make the prediction they ask for.
+        """
+        wanted = options.prediction or self.predictions[0]
+        name = f"prediction of {self.name}"
+        return replace(options, prediction=check_choice(wanted, name, self.predictions))
 
 
 def _conditional(options: Options, pictures: EmbeddedClusters | None) -> Coupling:
@@ -99,14 +128,29 @@ def _distil(run: Run) -> None:
     _, c = run.data.sample(run.options.reflow_pairs, generator=rng)
     assert c is not None
     x0 = torch.randn(len(c), run.data.dim, generator=rng)
-    parts = [
-        integrate(run.network, noise, some, nfe=run.options.reflow_nfe).x1
-        for noise, some in zip(x0.split(4096), c.split(4096), strict=True)
-    ]
+    teacher = FlowSampler(run.options.reflow_nfe, prediction=run.options.prediction)
+    with torch.no_grad():
+        parts = [
+            teacher(run.network, noise[None], some)
+            for noise, some in zip(x0.split(4096), c.split(4096), strict=True)
+        ]
     run.data = Dataset(torch.cat(parts), c, name=f"{run.data.name}, made by a teacher")
     run.coupling = couplings.FixedPairs(x0)
     run.seconds += time.perf_counter() - started
 
+
+RESIDUAL: dict[str, Any] = {
+    "coupling": lambda options, pictures: _stratified(options, pictures, residual=True),
+    "open_option": "clusters",
+    "pictures": lambda options: options.clusters,
+}
+DIFFUSION = Method(
+    "diffusion",
+    "DDPM with 100 levels",
+    loss=_diffusion,
+    sampler=_diffusion_sampler,
+    predictions=diffusion.PREDICTIONS,
+)
 
 METHODS: dict[str, Method] = {
     method.name: method
@@ -134,9 +178,7 @@ METHODS: dict[str, Method] = {
         Method(
             "residual",
             "as stratified, on the residuals of a linear regression in each cluster",
-            coupling=lambda options, pictures: _stratified(options, pictures, residual=True),
-            open_option="clusters",
-            pictures=lambda options: options.clusters,
+            **RESIDUAL,
         ),
         Method(
             "centred",
@@ -151,6 +193,7 @@ METHODS: dict[str, Method] = {
             coupling=lambda options, pictures: couplings.ModelAligned(
                 "weighted", warmup_steps=options.steps // 5
             ),
+            predictions=("velocity",),
         ),
         Method(
             "reflow",
@@ -161,13 +204,15 @@ METHODS: dict[str, Method] = {
             "behaviour_cloning",
             "regression of the chunk, mean squared error",
             loss=lambda options: regression_loss,
-            sampler=lambda clip: MeanSampler(),
+            sampler=lambda options, clip: MeanSampler(),
+            predictions=("data",),
         ),
-        Method(
-            "diffusion",
-            "DDPM with 100 levels",
-            loss=lambda options: Diffusion().loss,
-            sampler=lambda clip: DDPMSampler(clip=clip),
+        DIFFUSION,
+        replace(
+            DIFFUSION,
+            name="diffusion_residual",
+            description="DDPM with 100 levels on the pairs of 'residual'",
+            **RESIDUAL,
         ),
     )
 }

@@ -19,7 +19,7 @@ from cotlearn.policies.windows import Windows
 from cotlearn.renamed import renamed
 from cotlearn.robots.task import Array
 from cotlearn.storage import load_tensors, save_tensors
-from cotlearn.validation import check_array, check_count, check_shape
+from cotlearn.validation import check_array, check_count, check_number, check_shape
 
 _FITTED = "fitted."  #: before the names of a coupling's tensors in a file
 _NETWORKS: dict[str, Any] = {
@@ -36,6 +36,7 @@ class ChunkPolicy:
         windows: frame, horizons and scale.
         sampler: how a chunk is drawn from the network.
         execute: steps of a chunk that are done before the next is drawn.
+        temperature: the noise is multiplied by it, at least 0; 1 draws from the trained law.
         fitted: what the coupling of its training had fitted (`state_dict` of its condition), to be
             kept with the weights; a policy does not need it to act.
         about: what its file says of it beside, JSON-compatible: how it was trained.
@@ -49,6 +50,7 @@ class ChunkPolicy:
     sampler: Sampler
     _: KW_ONLY
     execute: int = 8
+    temperature: float = 1.0
     fitted: dict[str, Tensor] = field(default_factory=dict)
     about: dict[str, Any] = field(default_factory=dict)
 
@@ -58,6 +60,7 @@ class ChunkPolicy:
             if got != expected:
                 raise ValueError(f"network has {name} {got}, but these windows need {expected}")
         check_execute(self.execute, self.windows.predict)
+        check_number(self.temperature, "temperature")
         self.network.eval()
 
     def with_sampler(self, sampler: Sampler) -> ChunkPolicy:
@@ -82,6 +85,7 @@ class ChunkPolicy:
             ValueError: noise and conditions do not fit each other or the policy.
         """
         check_shape(noise, "noise", (self.sampler.draws, len(c), self.windows.dim))
+        noise = self.temperature * noise
         if isinstance(self.network, CameraNetwork):
             return self.sampler(self.network.head, noise, self.network.encode(c))
         return self.sampler(self.network, noise, c)
@@ -156,6 +160,7 @@ class ChunkPolicy:
                 "windows": self.windows.metadata(),
                 "sampler": {"kind": type(self.sampler).__name__, **vars(self.sampler)},
                 "execute": self.execute,
+                "temperature": self.temperature,
             },
             "about": self.about,
         }
@@ -182,6 +187,7 @@ class ChunkPolicy:
                 Windows.from_metadata(stored["windows"]),
                 SAMPLERS[sampler.pop("kind")](**sampler),
                 execute=stored["execute"],
+                temperature=stored.get("temperature", 1.0),
                 fitted={name.removeprefix(_FITTED): value for name, value in fitted.items()},
                 about=dict(record["about"]),
             )

@@ -15,7 +15,9 @@ from cotlearn.progress import progress_bar
 from cotlearn.robots.task import Array, Task, check_numbers
 from cotlearn.validation import check_count
 
-FRESH = 1_000_000  #: seeds from here on are for evaluation (demonstrations' are hashed, 32 bits)
+#: Seeds of starts, a million each (those of demonstrations are hashed to 32 bits): EXPLORATION to
+#: try and to choose with, COUNTED to count modes from, REPORTED for nothing but the tables.
+EXPLORATION, COUNTED, REPORTED = 1_000_000, 2_000_000, 3_000_000
 NOISE = 13  #: keeps the noise of rollouts apart from that of training (see `generator_for`)
 
 
@@ -89,7 +91,7 @@ def rollout(
     Args:
         policy: sees the last states of each world, and returns the next actions.
         episodes: how many.
-        seeds: of the starts; may repeat. FRESH, FRESH + 1, ... if None.
+        seeds: of the starts; may repeat. EXPLORATION, EXPLORATION + 1, ... if None.
         max_steps: of an episode; those of the task if None.
         record: keep all states.
         progress: show a bar; None: in terminals and notebooks.
@@ -100,7 +102,7 @@ def rollout(
     task = policy.windows.task
     max_steps = check_count(task.max_steps if max_steps is None else max_steps, "max_steps")
     if seeds is None:
-        seeds = range(FRESH, FRESH + check_count(episodes, "episodes"))
+        seeds = range(EXPLORATION, EXPLORATION + check_count(episodes, "episodes"))
     episodes = check_count(len(seeds), "seeds")
     sim = task.vector_sim(seeds)
     state = sim.states

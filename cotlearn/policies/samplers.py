@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
 from cotlearn.flows.diffusion import SPACINGS, Diffusion, predict
+from cotlearn.flows.matching import velocity_of
 from cotlearn.flows.solvers import integrate
+from cotlearn.validation import check_choice
 
 
 class Sampler:
     """Turns noise into chunks with a network. A new one overrides `name`, `nfe` and the call."""
+
+    random: ClassVar[bool] = True  #: whether the noise counts
 
     @property
     def draws(self) -> int:
@@ -46,11 +52,18 @@ class FlowSampler(Sampler):
 
     Attributes:
         nfe: evaluations of the network for a chunk.
-        method: a fixed-step method of `integrate`.
+        method: a fixed-step method of `integrate`; "euler" or "midpoint" where the network
+            predicts the data, which has no velocity at t = 1.
+        prediction: of the network, see `FlowMatching`.
     """
 
     nfe: int = 16
     method: str = "euler"
+    prediction: str = "velocity"
+
+    def __post_init__(self) -> None:
+        if self.prediction == "data":
+            check_choice(self.method, "method", ("euler", "midpoint"))
 
     @property
     def name(self) -> str:
@@ -60,11 +73,20 @@ class FlowSampler(Sampler):
     @property
     def variants(self) -> list[Sampler]:
         """Euler's method with 1 to 16 evaluations, and one midpoint step."""
-        return [*(FlowSampler(nfe) for nfe in (1, 2, 4, 16)), FlowSampler(2, "midpoint")]
+        euler = [replace(self, nfe=nfe, method="euler") for nfe in (1, 2, 4, 16)]
+        return [*euler, replace(self, nfe=2, method="midpoint")]
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
-        return integrate(network, noise[0], c, nfe=self.nfe, method=self.method).x1
+        velocity = velocity_of(network, self.prediction)
+        return integrate(velocity, noise[0], c, nfe=self.nfe, method=self.method).x1
+
+
+def diffusion_of(prediction: str, levels: int = 100, clip: float | None = None) -> Diffusion:
+    """The diffusion model of a prediction: with zero terminal SNR where that can be sampled."""
+    return Diffusion(
+        levels, clip=clip, prediction=prediction, zero_terminal_snr=prediction != "noise"
+    )
 
 
 @dataclass(frozen=True)
@@ -74,10 +96,12 @@ class DDPMSampler(Sampler):
     Attributes:
         levels: of noise.
         clip: largest value of a chunk, as the network sees it (see `Diffusion`).
+        prediction: of the network, see `Diffusion`; unless it is the noise, with zero terminal SNR.
     """
 
     levels: int = 100
     clip: float = 1.0
+    prediction: str = "noise"
 
     @property
     def draws(self) -> int:
@@ -96,13 +120,19 @@ class DDPMSampler(Sampler):
 
     @property
     def variants(self) -> list[Sampler]:
-        """The chain itself, and DDIM with 4 and with 16 evaluations, in both spacings."""
-        few = [DDIMSampler(n, self.levels, s, self.clip) for n in (4, 16) for s in SPACINGS]
-        return [self, *few]
+        """The chain itself, and DDIM: where the last level is noise alone, from there.
+
+        A network that predicts the noise is drawn from in both spacings.
+        """
+        exact = self.prediction != "noise"
+        few = [(n, "trailing") for n in (1, 2, 4, 16)] if exact else product((4, 16), SPACINGS)
+        rest = self.levels, self.clip, self.prediction
+        return [self, *(DDIMSampler(n, rest[0], s, *rest[1:]) for n, s in few)]
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) from noise (levels, B, d) under conditions c (B, k)."""
-        return Diffusion(self.levels, clip=self.clip).ddpm(network, noise[0], c, noise=noise[1:])
+        diffusion = diffusion_of(self.prediction, self.levels, self.clip)
+        return diffusion.ddpm(network, noise[0], c, noise=noise[1:])
 
 
 @dataclass(frozen=True)
@@ -113,6 +143,7 @@ class DDIMSampler(Sampler):
     levels: int = 100
     spacing: str = "leading"
     clip: float = 1.0
+    prediction: str = "noise"
 
     @property
     def name(self) -> str:
@@ -121,7 +152,7 @@ class DDIMSampler(Sampler):
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
-        diffusion = Diffusion(self.levels, clip=self.clip)
+        diffusion = diffusion_of(self.prediction, self.levels, self.clip)
         return diffusion.ddim(network, noise[0], c, nfe=self.nfe, spacing=self.spacing)
 
 
@@ -131,6 +162,7 @@ class MeanSampler(Sampler):
 
     nfe = 1
     name = "mean"
+    random = False
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) under conditions c (B, k)."""

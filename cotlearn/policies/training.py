@@ -49,7 +49,7 @@ class Options:
         execute: steps of it that are done before the next is drawn.
         knots: points that stand for a chunk; every step if None.
         open_loop: predict whole episodes from their starts, see `Windows`.
-        share_at_t0: share of the rows of a flow that are trained at t = 0, see `OversampleT0`.
+        share_at_t0: share of the rows of a flow that are trained at t = 0, see `FlowMatching`.
         ot_batch_size: rows of minibatch OT and COT.
         condition_weight: of COT; "balanced": COT Policy's rule; None: the frontier chooses where it
             is asked (`with_choice`), else "balanced".
@@ -57,6 +57,8 @@ class Options:
         reflow_pairs: rows that the teacher pairs for reflow.
         reflow_nfe: evaluations with which it does.
         camera: how a policy sees; None: it is given the state.
+        prediction: what the network predicts, "noise", "data" or "velocity"; "": the first of the
+            method's `predictions`.
     """
 
     steps: int = 15_000
@@ -81,6 +83,7 @@ class Options:
     reflow_pairs: int = 200_000
     reflow_nfe: int = 16
     camera: Pixels | None = None
+    prediction: str = ""
 
     def __post_init__(self) -> None:
         check_choice(self.network, "network", NETWORKS)
@@ -215,7 +218,7 @@ def train(
         KeyboardInterrupt: Ctrl-C, after the checkpoint has been written.
     """
     method = find_method(method)
-    options = options or Options()
+    options = method.settle(options or Options())
     windows = options.windows(episodes)
     data = windows.dataset(episodes, label=options.label)
     pictures, loss = options.pictures(method, data, windows), method.loss(options)
@@ -235,7 +238,7 @@ def train(
     policy = ChunkPolicy(
         result.network,
         windows,
-        method.sampler(float(data.x1.abs().max())),
+        method.sampler(options, float(data.x1.abs().max())),
         execute=options.execute,
         fitted=pictures.state_dict() if pictures else {},
     )

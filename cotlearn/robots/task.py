@@ -148,6 +148,11 @@ class Task:
         """As in `cotlearn bench NAME`."""
         return self.title.lower()
 
+    @property
+    def strictest(self) -> str:
+        """The outcome with the highest threshold, or the score where there is none."""
+        return next(reversed(tuple(self.thresholds)), self.score)
+
 
 def chosen_start(options: Mapping[str, Any] | None, limits: ArrayLike) -> Array | None:
     """The state at which `env.reset(options={"state": ...})` shall start; None without options.

@@ -35,7 +35,7 @@ WITHOUT = {
     "*.load_state_dict": "takes back what state_dict gave; tests/test_damage.py",
     "*.forward": "not a door: the inside of a network",
     "flows.*loss": "not a door: `fit` looks at its first batch",
-    "flows.OversampleT0.__call__": "not a door: a loss",
+    "flows.FlowMatching.__call__": "not a door: a loss",
     "flows.LabelDropout.__call__": "not a door: a loss",
     "flows.Guided.__call__": "not a door: a velocity, called by `integrate`",
     "flows.flow_matching_step": "not a door: the innermost line of a training loop",

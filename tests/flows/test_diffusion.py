@@ -13,14 +13,22 @@ MEAN, DEVIATION = torch.tensor([0.5, -0.2]), torch.tensor([0.3, 0.1])
 
 
 def optimal(diffusion):
-    """The network that predicts E[noise | x_k] for independent Gaussian coordinates."""
+    """The network that predicts its E[target | x_k] for independent Gaussian coordinates."""
 
     def network(t, x, c=None):
         kept = diffusion.alphas_cumprod[(t * diffusion.levels).round().long()].to(x)
-        variance = kept * DEVIATION.to(x) ** 2 + 1 - kept
-        return (1 - kept).sqrt() * (x - kept.sqrt() * MEAN.to(x)) / variance
+        signal, rest = kept.sqrt(), (1 - kept).sqrt()
+        residual = (x - signal * MEAN.to(x)) / (kept * DEVIATION.to(x) ** 2 + 1 - kept)
+        noise = rest * residual
+        data = MEAN.to(x) + signal * DEVIATION.to(x) ** 2 * residual
+        targets = {"noise": noise, "data": data, "velocity": signal * noise - rest * data}
+        return targets[diffusion.prediction]
 
     return network
+
+
+#: Every target that a network can predict, with zero terminal SNR where that can be sampled.
+MODELS = [("noise", False), ("data", True), ("velocity", True)]
 
 
 def noise(*shape, seed=0):
@@ -40,15 +48,36 @@ def test_the_schedule():
     assert kept[-1] < 1e-5
 
 
-def test_ddpm_on_gaussian_data():
-    diffusion = Diffusion(1000, clip=None)
+def test_zero_terminal_snr():
+    before = Diffusion(100).alphas_cumprod
+    after = Diffusion(100, prediction="data", zero_terminal_snr=True).alphas_cumprod
+    assert after[0].item() == pytest.approx(before[0].item(), rel=1e-12)
+    assert after[-1] == 0
+    assert (after.diff() < 0).all()
+    rescaling = pytest.importorskip("diffusers.schedulers.scheduling_ddim")
+    ratio = before / torch.cat([torch.ones(1, dtype=before.dtype), before[:-1]])
+    judge = rescaling.rescale_zero_terminal_snr(1 - ratio)
+    assert torch.allclose((1 - judge).cumprod(dim=0), after, atol=1e-9)
+
+
+@pytest.mark.parametrize(("prediction", "zero"), MODELS)
+def test_one_trailing_step_of_pure_noise_is_the_mean(prediction, zero):
+    diffusion = Diffusion(100, clip=None, prediction=prediction, zero_terminal_snr=zero)
+    x = diffusion.ddim(optimal(diffusion), noise(50, 2), nfe=1, spacing="trailing")
+    assert torch.allclose(x, MEAN.expand_as(x).double(), atol=1e-9 if zero else 0.01)
+
+
+@pytest.mark.parametrize(("prediction", "zero"), MODELS)
+def test_ddpm_on_gaussian_data(prediction, zero):
+    diffusion = Diffusion(1000, clip=None, prediction=prediction, zero_terminal_snr=zero)
     x = diffusion.ddpm(optimal(diffusion), noise(20_000, 2), noise=noise(999, 20_000, 2, seed=1))
     assert torch.allclose(x.mean(dim=0), MEAN.double(), atol=0.01)
     assert torch.allclose(x.std(dim=0), DEVIATION.double(), rtol=0.04)
 
 
-def test_ddim_on_gaussian_data_is_the_map_it_should_be():
-    diffusion = Diffusion(1000, clip=None)
+@pytest.mark.parametrize(("prediction", "zero"), MODELS)
+def test_ddim_on_gaussian_data_is_the_map_it_should_be(prediction, zero):
+    diffusion = Diffusion(1000, clip=None, prediction=prediction, zero_terminal_snr=zero)
     x0 = noise(100, 2)
     fine = diffusion.ddim(optimal(diffusion), x0, nfe=1000)
     assert torch.allclose(fine, MEAN + DEVIATION * x0, atol=0.003)  # the probability flow's
@@ -119,10 +148,14 @@ def _no_noise_in_the_judge(monkeypatch):
     )
 
 
-def test_training_with_fit():
+@pytest.mark.parametrize(("prediction", "zero"), MODELS)
+def test_training_with_fit(prediction, zero):
+    """A network that predicts the noise needs data of a small range, and its clipping."""
+    spread = torch.tensor([1.0, 0.8]) if zero else DEVIATION
     generator = torch.Generator().manual_seed(0)
-    data = Dataset(MEAN + DEVIATION * torch.randn(4000, 2, generator=generator))
-    diffusion = Diffusion(20)
+    data = Dataset(MEAN + spread * torch.randn(4000, 2, generator=generator))
+    clip = None if zero else 1.0
+    diffusion = Diffusion(20, clip=clip, prediction=prediction, zero_terminal_snr=zero)
     network = fit(
         VelocityMLP(2, width=64, seed=0),
         data,
@@ -134,8 +167,8 @@ def test_training_with_fit():
     ).network
     fresh = noise(19, 4000, 2, seed=1).float()
     x = diffusion.ddpm(network, noise(4000, 2).float(), noise=fresh)
-    assert torch.allclose(x.mean(dim=0), MEAN, atol=0.05)
-    assert torch.allclose(x.std(dim=0), DEVIATION, atol=0.09)
+    assert torch.allclose(x.mean(dim=0), MEAN, atol=0.1 if zero else 0.05)
+    assert torch.allclose(x.std(dim=0), spread, atol=0.15 if zero else 0.09)
 
 
 def test_regression_learns_the_conditional_mean():
@@ -160,6 +193,8 @@ def test_regression_learns_the_conditional_mean():
     [
         (lambda: Diffusion(1), "levels must be at least 2"),
         (lambda: Diffusion(10, clip=0.0), "clip must be above 0"),
+        (lambda: Diffusion(prediction="x0"), "prediction must be one of noise, data, velocity"),
+        (lambda: Diffusion(zero_terminal_snr=True), "prediction must be data or velocity"),
         (lambda: Diffusion(10).ddim_levels(11), "nfe must be at most the 10 levels"),
         (lambda: Diffusion(10).ddim_levels(2, "even"), "spacing must be one of leading, trailing"),
         (

@@ -3,11 +3,13 @@ import torch
 
 from cotlearn.couplings import Pairs
 from cotlearn.flows import (
-    OversampleT0,
+    FlowMatching,
     VelocityMLP,
     conditional_flow_matching_loss,
     flow_matching_step,
+    integrate,
     interpolate,
+    velocity_of,
 )
 from cotlearn.flows.matching import weighted_mean
 from cotlearn.mixtures import petals
@@ -106,10 +108,49 @@ def test_oversampling_trains_a_share_of_the_rows_at_t_0():
         seen.append(t)
         return torch.zeros_like(x)
 
-    losses = OversampleT0(0.3)(network, batch, seeded(0))
+    losses = FlowMatching(0.3)(network, batch, seeded(0))
     assert torch.allclose(losses, (batch.x1 - batch.x0).square().sum(dim=1))
     assert float((seen[0] == 0).float().mean()) == pytest.approx(0.3, abs=0.04)
     rest = seen[0][seen[0] > 0]
     assert float(rest.mean()) == pytest.approx(0.5, abs=0.03)
     with pytest.raises(ValueError, match=r"share_at_t0 must lie in \[0, 1\], got 1.5"):
-        OversampleT0(1.5)
+        FlowMatching(1.5)
+
+
+def exact_data(t, x, c):
+    """E[x1 | x_t] for independent pairs and x1 ~ N(m, s^2 I)."""
+    t = t.reshape(-1, 1)
+    gain = t * DEVIATION**2 / ((1 - t) ** 2 + t**2 * DEVIATION**2)
+    return MEAN + gain * (x - t * MEAN)
+
+
+MEAN, DEVIATION = 0.7, 0.4
+
+
+def test_a_network_that_predicts_the_data_stands_for_the_same_field():
+    x0 = torch.randn(50, 2, generator=seeded(0), dtype=torch.float64)
+    field = velocity_of(exact_data, "data")
+    moved = integrate(field, x0, nfe=1000).x1
+    assert torch.allclose(moved, MEAN + DEVIATION * x0, atol=0.005)  # the map between Gaussians
+    assert torch.allclose(integrate(field, x0, nfe=1).x1, torch.full_like(x0, MEAN))
+    assert velocity_of(exact_data) is exact_data
+    with pytest.raises(ValueError, match="prediction must be one of velocity, data"):
+        velocity_of(exact_data, "noise")
+
+
+def test_its_loss_weighs_the_error_of_the_velocity_by_the_time_that_is_left():
+    batch, times = pairs(n=200), []
+
+    def velocity(t, x, c):
+        times.append(t)
+        return torch.zeros_like(x)
+
+    def data(t, x, c):  # stands for the same field
+        return x
+
+    plain = conditional_flow_matching_loss(velocity, batch, seeded(1))
+    weighed = FlowMatching(prediction="data")(data, batch, seeded(1))
+    assert torch.allclose(weighed, plain * (1 - times[0]) ** 2, rtol=1e-3, atol=1e-5)
+    assert torch.equal(FlowMatching()(velocity, batch, seeded(1)), plain)
+    with pytest.raises(ValueError, match="prediction must be one of velocity, data; got 'x1'"):
+        FlowMatching(prediction="x1")

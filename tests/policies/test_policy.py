@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
@@ -18,6 +20,9 @@ SAMPLERS = [
     DDPMSampler(10),
     DDIMSampler(4),
     MeanSampler(),
+    FlowSampler(2, prediction="data"),
+    DDIMSampler(2, spacing="trailing", prediction="data"),
+    DDPMSampler(10, prediction="velocity"),
 ]
 
 
@@ -36,7 +41,7 @@ def history(windows, episodes):
     return windows.cut(episodes)[0][:5]
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS, ids=lambda s: s.name)
+@pytest.mark.parametrize("sampler", SAMPLERS, ids=str)
 def test_a_policy_acts(network, windows, history, sampler):
     policy = ChunkPolicy(network, windows, sampler)
     actions = policy.act(history, generator=torch.Generator().manual_seed(0))
@@ -72,7 +77,7 @@ def test_chunks_by_hand(network, windows, history):
     )
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS, ids=lambda s: s.name)
+@pytest.mark.parametrize("sampler", SAMPLERS, ids=str)
 @pytest.mark.parametrize("kind", ["mlp", "unet"])
 def test_save_and_load(windows, history, tmp_path, sampler, kind):
     if kind == "mlp":
@@ -97,6 +102,22 @@ def test_samplers_are_still_found_where_they_were():
     with pytest.warns(FutureWarning, match=r"FlowSampler is called cotlearn\.policies\.samplers"):
         from cotlearn.policies.policy import FlowSampler as moved
     assert moved is FlowSampler
+
+
+def test_temperature_scales_the_noise(network, windows, history, tmp_path):
+    policy = ChunkPolicy(network, windows, FlowSampler(2), temperature=0.5)
+    noise = policy.noise(5)
+    warm = replace(policy, temperature=1.0)
+    assert np.array_equal(policy.chunk(history, noise=noise), warm.chunk(history, noise=noise / 2))
+    policy.save(tmp_path / "policy.safetensors")
+    assert ChunkPolicy.load(tmp_path / "policy.safetensors").temperature == 0.5
+    with pytest.raises(ValueError, match="temperature must be at least 0 and finite, got -1"):
+        replace(policy, temperature=-1.0)
+
+
+def test_a_network_that_predicts_the_data_has_no_velocity_at_the_end():
+    with pytest.raises(ValueError, match="method must be one of euler, midpoint; got 'heun'"):
+        FlowSampler(2, "heun", prediction="data")
 
 
 def test_latency_and_another_sampler(network, windows):

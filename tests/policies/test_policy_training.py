@@ -171,7 +171,7 @@ def test_bench_goes_on_and_is_summarised(episodes, tmp_path):
     summary = summarise(folder, tmp_path / "summary.json", command="as in the test")
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(summary))
     rows = {(row["method"], row["sampler"]): row for row in summary["rows"]}
-    assert len(rows) == 3 * 5 + 5 + 1
+    assert len(rows) == 3 * 10 + 10 + 1  # each sampler as trained and at its temperature
     assert summary["demonstrations"]["mode_entropy"] == 0  # always straight on
     reference = rows["independent", "euler-16"]
     assert reference["against_reference"]["coverage"] == (0.0, 0.0, 0.0)
@@ -247,7 +247,7 @@ def test_a_row_is_all_that_a_new_method_needs(episodes, tmp_path, monkeypatch):
         "nothing",
         "does nothing in particular",
         loss=lambda options: loss,
-        sampler=lambda clip: MeanSampler(),
+        sampler=lambda options, clip: MeanSampler(),
     )
     monkeypatch.setitem(METHODS, "nothing", nothing)
     for command in ("train", "bench"):

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import gymnasium
@@ -7,9 +8,15 @@ import pytest
 import torch
 
 import cotlearn.robots  # noqa: F401  (registers the environment)
-from cotlearn.policies.rollout import FRESH, rollout
+from cotlearn.assets import find_data
+from cotlearn.policies.rollout import COUNTED, EXPLORATION, REPORTED, rollout
+from cotlearn.robots.episodes import read
 from cotlearn.robots.push_t import GOAL, PushTVectorSim
 from cotlearn.robots.push_t.definition import PUSH_T
+from cotlearn.robots.registry import TASKS, find_task
+
+ROOT = Path(__file__).resolve().parents[2]
+SEEDS = (EXPLORATION, COUNTED, REPORTED)
 
 
 class Wander:
@@ -47,10 +54,12 @@ def test_episodes_are_paired():
     many = rollout(Wander(), episodes=5, max_steps=24, progress=False)
     again = rollout(Wander(), episodes=5, max_steps=24, progress=False)
     assert np.array_equal(many["coverage"], again["coverage"])
-    fewer = rollout(Wander(), seeds=range(FRESH, FRESH + 3), max_steps=24, progress=False)
+    fewer = rollout(
+        Wander(), seeds=range(EXPLORATION, EXPLORATION + 3), max_steps=24, progress=False
+    )
     assert np.array_equal(many["coverage"][:3], fewer["coverage"])
     assert len(many.seed) == 5
-    assert many.seed[0] == FRESH
+    assert many.seed[0] == EXPLORATION
 
 
 def test_success_ends_an_episode_and_nobody_asks_for_it_again():
@@ -127,3 +136,21 @@ def test_bad_policies(actions, error, message):
 def test_bad_options(option):
     with pytest.raises(ValueError, match=f"{option} must be at least 1"):
         rollout(Wander(), **{option: 0}, progress=False)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_no_start_serves_twice(name):
+    """Starts to explore with, to count modes from, to report and to learn from are different."""
+    task, n = find_task(name), 300
+    starts = {first: task.vector_sim(range(first, first + n)).states for first in SEEDS}
+    shown = read(find_data(task.demonstrations))
+    starts[0] = shown.state[[0, *shown.ends[:-1]]]
+    every = np.concatenate(list(starts.values())).round(3)
+    assert len(np.unique(every, axis=0)) == len(every)
+
+
+def test_only_the_comparison_reports():
+    for folder in ("benchmarks", "cotlearn"):
+        for path in (ROOT / folder).rglob("*.py"):
+            named = "REPORTED" in path.read_text("utf-8")
+            assert named == (path.name in ("rollout.py", "cells.py") and folder == "cotlearn"), path

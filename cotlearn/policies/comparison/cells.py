@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from cotlearn.datasets import Dataset
 from cotlearn.metrics import mode_entropy
 from cotlearn.policies.comparison import scores
 from cotlearn.policies.comparison.choice import choose
 from cotlearn.policies.methods import find_method
 from cotlearn.policies.policy import ChunkPolicy
+from cotlearn.policies.rollout import COUNTED, EXPLORATION, REPORTED
 from cotlearn.policies.training import Options, train
 from cotlearn.results import Folder, Say, Values, machine, read_json, write_json
 from cotlearn.robots.episodes import Episodes, split
@@ -21,6 +23,7 @@ from cotlearn.robots.experts.modes import demonstrated_modes
 from cotlearn.validation import check_count
 
 DEMONSTRATED = "demonstrations.json"  #: in the folder of the cells
+COOLED = " at its temperature"  #: after the name of a sampler
 
 
 @dataclass(frozen=True)
@@ -32,12 +35,16 @@ class Protocol:
         train_episodes: to train on; all that are not held out if None.
         held_out: episodes kept for the energy score.
         episodes: paired rollouts of every policy.
+        first_start: seed of the first start of a rollout.
+        temperatures: that are tried beside 1, see `scores.choose_temperature`.
     """
 
     options: Options = field(default_factory=Options)
     train_episodes: int | None = None
     held_out: int = 200
     episodes: int = 200
+    first_start: int = REPORTED
+    temperatures: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
 
     def record(self, episodes: Episodes) -> Values:
         """The protocol and what identifies the demonstrations, as JSON gives it back."""
@@ -52,7 +59,8 @@ class Protocol:
 
 def read_record(record: Values) -> Values:
     """A stored record of a protocol, under the names of today."""
-    return {**record, "options": asdict(Options.from_stored(record["options"]))}
+    before = {"first_start": EXPLORATION, "temperatures": []}
+    return {**before, **record, "options": asdict(Options.from_stored(record["options"]))}
 
 
 @dataclass(frozen=True)
@@ -75,14 +83,29 @@ class _Bench:
         chosen = self.choices[method]
         policy = self.stored(name) or self.train(name, method, int(seed), chosen)
         data = policy.windows.dataset(self.held, label=self.protocol.options.label)
-        drawn = {sampler.name: policy.with_sampler(sampler) for sampler in policy.sampler.variants}
-        episodes = self.protocol.episodes
-        found = {name: scores.evaluate(p, data, episodes=episodes) for name, p in drawn.items()}
+        found: Values = {}
+        for sampler in policy.sampler.variants:
+            found |= self.score(policy.with_sampler(sampler), data)
         about, score = policy.about["training"], self.training.task.score
         means = {name: round(one["summary"][score], 3) for name, one in found.items()}
         self.say(f"{name}: trained in {about['seconds']:.0f} s; {score} {means}")
         values = {"method": method, "seed": int(seed), "training": about, "samplers": found}
         return {**values, **({"chosen": chosen} if chosen else {}), **machine("pymunk", "mujoco")}
+
+    def score(self, policy: ChunkPolicy, held: Dataset) -> Values:
+        """The scores of a policy with its sampler, as trained and at the temperature it chooses."""
+        name = policy.sampler.name
+        starts = range(
+            self.protocol.first_start, self.protocol.first_start + self.protocol.episodes
+        )
+        found = {name: scores.evaluate(policy, held, starts=starts)}
+        if self.protocol.temperatures and policy.sampler.random:
+            chosen, tried = scores.choose_temperature(policy, self.protocol.temperatures)
+            cooled = replace(policy, temperature=chosen)
+            same = chosen == policy.temperature
+            again = found[name] if same else scores.evaluate(cooled, held, starts=starts)
+            found[f"{name}{COOLED}"] = {**again, "temperature": chosen, "tried": tried}
+        return found
 
     def train(self, name: str, method: str, seed: int, chosen: Values | None) -> ChunkPolicy:
         """Trains a policy and keeps its weights, with what is known of the training."""
@@ -119,7 +142,7 @@ class _Bench:
         if path.is_file():
             return
         self.say("demonstrations: counting modes")
-        starts = range(scores.MODE_SEED, scores.MODE_SEED + scores.MODE_STARTS)
+        starts = range(COUNTED, COUNTED + scores.MODE_STARTS)
         modes = demonstrated_modes(self.training.task, starts, draws=scores.MODE_DRAWS)
         write_json(path, {"mode_entropy": mode_entropy(modes), "modes": modes.tolist()})
 

@@ -1,5 +1,7 @@
 """What a trained policy is worth: rollouts, energy score, modes, latency."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,16 +12,16 @@ from cotlearn.couplings.base import generator_for
 from cotlearn.datasets import Dataset
 from cotlearn.metrics import energy_score, mode_entropy
 from cotlearn.policies.policy import ChunkPolicy
-from cotlearn.policies.rollout import rollout
+from cotlearn.policies.rollout import COUNTED, rollout
 
 SCORED_STATES, SCORED_SAMPLES = 1000, 8  #: of the energy score
-MODE_SEED = 2_000_000  #: seed of the first start from which modes are counted
 MODE_STARTS, MODE_DRAWS = 25, 16
+TRIALS = 100  #: rollouts that choose a temperature
 
 
-def evaluate(policy: ChunkPolicy, held: Dataset, *, episodes: int) -> dict[str, Any]:
+def evaluate(policy: ChunkPolicy, held: Dataset, *, starts: Sequence[int]) -> dict[str, Any]:
     """Rollouts, energy score, modes and latency of a policy with its sampler, JSON-compatible."""
-    done = rollout(policy, episodes=episodes)
+    done = rollout(policy, seeds=starts)
     kept = [name for name in done.outcomes if name not in ("mode", *done.task.thresholds)]
     return {
         "nfe": policy.sampler.nfe,
@@ -34,6 +36,25 @@ def evaluate(policy: ChunkPolicy, held: Dataset, *, episodes: int) -> dict[str, 
     }
 
 
+def choose_temperature(
+    policy: ChunkPolicy, temperatures: Sequence[float]
+) -> tuple[float, dict[str, float]]:
+    """The temperature, of these and 1, with most successes on exploration starts.
+
+    Success is the strictest outcome of the task; among equals the task's score decides.
+
+    Returns:
+        The temperature, and the success rate of each.
+    """
+    task = policy.windows.task
+    found = {}
+    for temperature in (1.0, *temperatures):
+        means = rollout(replace(policy, temperature=temperature), episodes=TRIALS).summary()
+        found[temperature] = means[task.strictest], means[task.score]
+    best = max(found, key=lambda temperature: found[temperature])
+    return best, {f"{temperature:g}": strict for temperature, (strict, _) in found.items()}
+
+
 def held_out_score(policy: ChunkPolicy, held: Dataset) -> float:
     """The energy score of chunks at held-out states, in the units that the network works in."""
     assert held.c is not None
@@ -46,7 +67,7 @@ def held_out_score(policy: ChunkPolicy, held: Dataset) -> float:
 
 def mode_draws(policy: ChunkPolicy) -> NDArray[np.int64]:
     """The modes (MODE_STARTS, MODE_DRAWS) that a policy takes from the same starts."""
-    seeds = np.repeat(np.arange(MODE_SEED, MODE_SEED + MODE_STARTS), MODE_DRAWS)
+    seeds = np.repeat(np.arange(COUNTED, COUNTED + MODE_STARTS), MODE_DRAWS)
     steps = policy.windows.task.mode_steps
     done = rollout(policy, seeds=seeds.tolist(), max_steps=steps, progress=False)
     return done["mode"].astype(np.int64).reshape(MODE_STARTS, MODE_DRAWS)
