@@ -222,10 +222,9 @@ def test_the_closing_line_stays_the_last(tmp_path):
     (tmp_path / "test_tiny.py").write_text("def test_it():\n    pass\n")
     conftest = (ROOT / "tests" / "conftest.py").read_text("utf-8")
     (tmp_path / "conftest.py").write_text(conftest)
-    # without the package with which jsonschema, for nbval, builds grammars on import, which takes 2 s
-    start = (
-        "import sys; sys.modules['rfc3987_syntax'] = None; import pytest; sys.exit(pytest.main())"
-    )
+    # nbval imports jsonschema, which builds grammars with this package, and takes 2 s for it
+    start = "import sys; sys.modules['rfc3987_syntax'] = None; import pytest; "
+    start += "sys.exit(pytest.main())"
     command = [sys.executable, "-c", start, "--nbval-lax", "--nbval-current-env"]
     environment = os.environ | {"COTLEARN_FAILED": "lint"}
     done = subprocess.run(

@@ -238,10 +238,9 @@ def peer():
         theirs = push_t_peer.make()
     except ModuleNotFoundError as error:
         pytest.skip(f"{error.name} is not installed: pip install --no-deps gym-pusht==0.1.8")
-    from gym_pusht.envs import pusht
-
+    names = theirs.step.__globals__  # of its module, which cannot be imported again
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pusht, "pymunk_to_shapely", remembered(pusht.pymunk_to_shapely))
+        patch.setitem(names, "pymunk_to_shapely", remembered(names["pymunk_to_shapely"]))
         yield push_t_peer, theirs
 
 
