@@ -1,6 +1,7 @@
 """The mixtures against their own definition: grids, Monte Carlo, the continuity equation."""
 
 import math
+from functools import cache
 
 import pytest
 import torch
@@ -130,13 +131,18 @@ def test_the_marginal_of_both_moons_is_the_same():
     assert squared_w2(by_class, by_x) < 2 * squared_w2(by_class, other)
 
 
+@cache
+def drawn(data, n=100_000):
+    """Many x1 for one condition c."""
+    c = data.conditions(n=3)[:1]
+    return data.sample_given(c.expand(n, -1), generator=seeded(0)).double(), c
+
+
 @every
 @pytest.mark.parametrize("t", [0.1, 0.5, 0.8])
 def test_velocity_is_the_posterior_average(data, t):
     """Monte Carlo: x0 = (x - t x1) / (1 - t) with weight N(x0; 0, I) for x1 from p(x1 | c)."""
-    n = 100_000
-    c = data.conditions(n=3)[:1]
-    x1 = data.sample_given(c.expand(n, -1), generator=seeded(0)).double()
+    x1, c = drawn(data)
     x = t * x1[:3] + (1 - t) * torch.randn(3, 2, generator=seeded(1)).double()
     for point in x:
         x0 = (point - t * x1) / (1 - t)
