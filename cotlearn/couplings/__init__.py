@@ -1,4 +1,4 @@
-"""Couplings: which noise meets which data when a flow is trained. One file per coupling."""
+"""Couplings: how noise is paired with data when a flow is trained. One file per coupling."""
 
 from cotlearn.couplings.adaptive import AdaptiveConditionalOT
 from cotlearn.couplings.aligned import ModelAligned

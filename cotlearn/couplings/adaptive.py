@@ -1,4 +1,4 @@
-"""C2OT: conditional OT whose weight is found for each batch."""
+"""C2OT: conditional OT that finds a condition weight for each batch."""
 
 from bisect import bisect_left
 from dataclasses import dataclass, field
@@ -11,29 +11,29 @@ from cotlearn.validation import check_number
 
 ADAPTIVE = "adaptive"
 RESOLUTION = 16  #: weights are powers of 2^(1/16): 4 % apart
-GRID = range(-200 * RESOLUTION, 1000 * RESOLUTION)  #: of their exponents, in sixteenths
+GRID = range(-200 * RESOLUTION, 1000 * RESOLUTION)  #: exponents of the weights, in sixteenths
 
 
 @dataclass(repr=False)
 class AdaptiveConditionalOT(ConditionalOT):
     """C2OT (Cheng & Schwing 2503.10636): cost |x0_i - x1_j|^2 + w |c_i - c_j|^2.
 
-    For each batch w is the smallest weight for which the share of candidates
-    r(w) = mean_ij [ M_ij + w C_ij <= M_jj ] is at most the target. M is the sample cost, C that of
-    the conditions, and M_jj pairs data j with the noise of its own condition. r falls from r(0),
-    about 1/2, to r(infinity), which counts only equal conditions. Weights lie on a grid of powers
-    of 2^(1/16).
+    For each batch, w is the smallest weight whose share of candidates
+    r(w) = mean_ij [ M_ij + w C_ij <= M_jj ] is at most `target_ratio`. M is the sample cost, C the
+    condition cost, and M_jj the cost of data row j with the noise row that has the same condition.
+    r falls from r(0), about 1/2, to r(infinity), which counts only equal conditions. Weights lie on
+    a grid of powers of 2^(1/16).
 
-    The cosine distance of C2OT's image features is half the squared distance of unit vectors: give
-    `condition=torch.nn.functional.normalize`.
+    C2OT compares image features by cosine distance, which is half the squared distance of unit
+    vectors; to do the same, pass `condition=torch.nn.functional.normalize`.
 
     Args:
-        target_ratio: the share of candidates, in (0, 1) (paper: 0.05 on moons, 0.2 on images).
+        target_ratio: largest share of candidates, in (0, 1) (paper: 0.05 on moons, 0.2 on images).
         label: as in `ConditionalOT`.
         condition: as in `ConditionalOT`.
 
     Raises:
-        ValueError: target_ratio outside (0, 1); at a batch, a target below r(infinity).
+        ValueError: target_ratio lies outside (0, 1); when pairing, it lies below r(infinity).
     """
 
     condition_weight: float | str = field(default=ADAPTIVE, init=False)
@@ -50,7 +50,7 @@ class AdaptiveConditionalOT(ConditionalOT):
     def weight(
         self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
     ) -> float:
-        """The smallest weight on the grid with r(w) <= target_ratio; 0 if r(0) is already."""
+        """The smallest weight on the grid with r(w) <= target_ratio; 0 if r(0) is small enough."""
         partner = np.argsort(noise_condition_index)  # the noise row that has condition j
         slack = sample_cost[partner, np.arange(len(partner))] - sample_cost  # M_jj - M_ij
 

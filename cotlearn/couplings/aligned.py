@@ -1,4 +1,4 @@
-"""Model-aligned coupling (MAC): the model says which pairs are easy for it."""
+"""Model-aligned coupling (MAC): the model's own error decides which pairs it trains on."""
 
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
@@ -12,38 +12,38 @@ from cotlearn.couplings.base import Array, Coupling, Index, Match, near_rows, sq
 from cotlearn.validation import check_choice, check_count, check_number, check_positive, check_share
 
 VARIANTS = ("weighted", "topk", "full")
-LIMIT = 64  #: rows of a "full" batch with continuous conditions: B^2 evaluations
+LIMIT = 64  #: most distinct conditions in a "full" batch, which needs B evaluations for each
 
 
 @dataclass(repr=False)
 class ModelAligned(Coupling):
-    """Three algorithms that carry the name MAC (Lin 2505.23346), scored by the EMA network.
+    """Three algorithms called MAC (Lin 2505.23346), scored by the EMA network.
 
     The error of a pair is |v(t, x_t, c) - (x1 - x0)|^2, averaged over t in {0, 1}.
 
-    - "weighted" (the authors' default): the batch's own random pairs; the share `fraction` with
-      the lowest error weighs 1 + boost, the others 1, normalised to mean 1.
-    - "topk" (the paper's abstract): only that share is trained on (the others weigh 0).
-    - "full": the B x B errors as cost, standardised, a Sinkhorn plan whose regularisation falls
-      from `regularization[0]` to `regularization[1]`, then the permutation with the largest sum
-      of plan entries. It pairs across conditions and so inherits naive OT's skew, unless
-      `condition_weight` w adds w |c_i - c_j|^2.
+    - "weighted" (the authors' default): keep the batch's random pairs. The share `fraction` with
+      the lowest error gets weight 1 + boost, the rest weight 1; weights are scaled to mean 1.
+    - "topk" (the paper's abstract): train only on that share; all other pairs get weight 0.
+    - "full": take the B x B errors as cost, compute a Sinkhorn plan whose regularisation falls
+      from `regularization[0]` to `regularization[1]`, and use the permutation with the largest
+      sum of plan entries. This pairs across conditions and so has naive OT's skew, unless
+      `condition_weight` w adds w |c_i - c_j|^2 to the cost.
 
-    The selected share falls linearly from 1 to `fraction`, and the regularisation likewise, over
-    `warmup_steps` (authors: 20,000; take the same share of your training).
+    Over `warmup_steps` the selected share falls linearly from 1 to `fraction`, and the
+    regularisation from its first to its last value (authors: 20,000 steps; use the same share of
+    your training).
 
     Args:
         variant: "weighted", "topk" or "full".
-        fraction: in (0, 1] (authors: 0.4).
-        boost: lambda, at least 0 (authors: 0.5; images 1).
-        warmup_steps: at least 0.
-        regularization: first and last, both above 0, in units of the standard deviation of the
-            costs.
-        condition_weight: for "full", at least 0.
+        fraction: share of the pairs to select, in (0, 1] (authors: 0.4).
+        boost: the paper's lambda, at least 0 (authors: 0.5; 1 on images).
+        warmup_steps: gradient steps, at least 0.
+        regularization: first and last value, both above 0, in standard deviations of the costs.
+        condition_weight: w, at least 0; for "full" only.
 
     Raises:
-        ValueError: an option out of range; pairing before `observe` has shown a network; more than
-            64 rows with all different conditions in "full".
+        ValueError: an option is out of range; pairs are made before `observe` was called; a "full"
+            batch has more than 64 distinct conditions.
     """
 
     variant: str = "weighted"
@@ -92,7 +92,7 @@ class ModelAligned(Coupling):
         return Match(rows, rows, weight=weight / weight.mean())
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
-        """1 but for "full": all rows of the batch, or with a weight those of near conditions."""
+        """1, except for "full": all rows, or those with near conditions if they have a weight."""
         if self.variant != "full":
             return 1.0
         same = torch.zeros(len(x0), 1) if c is None else c
@@ -112,8 +112,8 @@ class ModelAligned(Coupling):
     def errors(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> Array:
         """The error of every pair (x0_i, x1_j, c_j), shape (B, B).
 
-        At t = 1 the network sees (x1_j, c_j), B rows. At t = 0 it sees (x0_i, c_j): once for each
-        distinct condition, at most B^2 rows.
+        At t = 1 the network evaluates (x1_j, c_j), B rows. At t = 0 it evaluates (x0_i, c_j): B
+        rows for each distinct condition, at most B^2.
         """
         seen = torch.zeros(len(x0), 1) if c is None else c
         distinct, label = torch.unique(seen, dim=0, return_inverse=True)
@@ -146,7 +146,7 @@ class ModelAligned(Coupling):
         return exact_permutation(-sinkhorn_plan(cost, regularization=regularization))
 
     def _velocity(self, t: float, x: Tensor, c: Tensor | None) -> Tensor:
-        weights = next(self._network.parameters(), x)  # their device and dtype are the network's
+        weights = next(self._network.parameters(), x)  # for the network's device and dtype
         moved = None if c is None else c.to(weights)
         velocity: Tensor = self._network(torch.tensor(t).to(weights), x.to(weights), moved)
         return velocity.to(x)

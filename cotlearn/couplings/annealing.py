@@ -1,7 +1,8 @@
 """Nearly optimal dual potentials of an assignment, by a few Sinkhorn steps in single precision.
 
-Compiled by Numba when first called, like `augmenting.py`, which makes the assignment exact. What
-NumPy does as fast is not: Numba takes many seconds to compile partitions and deviations.
+Numba compiles these loops when they are first called, as in `augmenting.py`, which makes the
+assignment exact. `survey` stays in NumPy, which is as fast there: Numba takes many seconds to
+compile partitions and standard deviations.
 """
 
 import math
@@ -12,11 +13,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-FAR = 8.0  #: deviations from the mean to the least cost, beyond which that way is the scale
+FAR = 8.0  #: if mean - least cost exceeds this many deviations, it sets the scale of the costs
 TEMPERATURE = np.float32(0.1)  #: of the first steps, in units of the costs' scale
-COOLING = 5  #: each further temperature is this much lower
-STAGES = 2, 5  #: temperatures, at least and at most
-STEPS = 10  #: at each temperature
+COOLING = 5  #: each further temperature is lower by this factor
+STAGES = 2, 5  #: least and greatest number of temperatures
+STEPS = 10  #: Sinkhorn steps at each temperature
 RELAXATION = np.float32(1.4)  #: over-relaxation of the steps, in [1, 2) (Thibault 1711.01851)
 LEAST = np.float32(1e-12)  #: scalings stay in [1e-12, 1e12]
 ONE = np.float32(1)
@@ -24,15 +25,15 @@ ONE = np.float32(1)
 
 @np.errstate(over="ignore")  # of costs near the largest number, which `assignment.py` leaves out
 def survey(cost: Array) -> tuple[Array, float, float, int]:
-    """What decides how to solve: least costs, two scales, and how many rows are easy.
+    """Measure what decides how to solve: least costs, two scales, and how many rows are easy.
 
     Args:
         cost: (B, B), finite.
 
     Returns:
-        (B,), the smallest cost of each column; the standard deviation of the costs, or the way from
-        the mean to the least cost over `FAR` if that is more; what a tenth of a row's costs do not
-        exceed, above its least; how many columns are some row's cheapest, in cost_ij - least_j.
+        The smallest cost of each column, (B,); the larger of the costs' standard deviation and
+        (mean - least cost) / `FAR`; the median over sampled rows of the first decile less the
+        minimum; the number of columns that are the cheapest of some row in cost_ij - least_j.
     """
     n = len(cost)
     least = cost.min(axis=0)
@@ -45,14 +46,14 @@ def survey(cost: Array) -> tuple[Array, float, float, int]:
 
 @njit(cache=True, nogil=True, fastmath=True)
 def potentials(cost: Array, least: Array, spread: float, near: float) -> tuple[Array, Array]:
-    """Potentials f, g with f_i + g_j near cost_ij on the optimal pairs and not far above elsewhere.
+    """Potentials f, g: f_i + g_j is near cost_ij on optimal pairs, and not far above it elsewhere.
 
     Args:
         cost: (B, B), finite.
         least: (B,), the smallest cost of each column.
         spread: scale of the costs, above 0.
-        near: scale of the lowest costs of a row. Where clusters lie far apart it is much smaller
-            than that of all costs, and more temperatures follow.
+        near: scale of a row's lowest costs. Where clusters lie far apart it is much smaller than
+            `spread`, and more temperatures follow.
 
     Returns:
         f and g, each (B,).
@@ -65,7 +66,7 @@ def potentials(cost: Array, least: Array, spread: float, near: float) -> tuple[A
         for j in range(n):
             kernel[i, j] = math.exp(np.float32((cost[i, j] - least[j]) * per_unit))
     temperature = TEMPERATURE * spread
-    coldest = near / min(4.0, n / 128)  # in large batches the cold pays for itself
+    coldest = near / min(4.0, n / 128)  # in large batches lower temperatures pay for themselves
     for stage in range(1, STAGES[1] + 1):
         u, v = np.ones(n, np.float32), np.ones(n, np.float32)
         for _ in range(STEPS):
@@ -82,7 +83,7 @@ def potentials(cost: Array, least: Array, spread: float, near: float) -> tuple[A
             for j in range(n):
                 entry = kernel[i, j] * u[i] * v[j]
                 square = entry * entry
-                kernel[i, j] = square * square * entry  # the fifth power is five times colder
+                kernel[i, j] = square * square * entry  # fifth power: a fifth of the temperature
     return rows, columns
 
 
@@ -109,6 +110,6 @@ def _step(
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _relaxed(scaling: np.float32, product: np.float32) -> np.float32:
-    """The scaling moved to 1 / product, and by over-relaxation beyond."""
+    """The scaling moved towards 1 / product, and beyond it by over-relaxation."""
     moved = scaling * (scaling * product + LEAST) ** -RELAXATION
     return np.float32(min(max(moved, LEAST), ONE / LEAST))

@@ -1,14 +1,15 @@
 """The solvers behind the couplings: exact permutations, entropic plans, and drawing from a plan.
 
-The exact solver takes two steps. A few Sinkhorn steps in single precision (`annealing.py`) give
-dual potentials that are nearly optimal; from them most rows find a free column at once, and
-shortest augmenting paths in double precision (`augmenting.py`) do the rest. The potentials change
-the time, never the optimum. Colder last temperatures, more steps and stronger over-relaxation were
-tried and did not pay over all sizes. The temperature is a share of the costs' standard deviation,
-or of the way from the mean to the least cost where that is far longer, as it is for the permutation
-with the largest sum of entries of a Sinkhorn plan, nearly all of which are 0. Where a row's lowest
-costs are much nearer to each other than that, as within clusters that lie far apart, it falls on.
-`benchmarks/assignment.py` measures it beside torchcfm, SciPy and POT.
+The exact solver has two stages. A few Sinkhorn steps in single precision (`annealing.py`) give
+nearly optimal dual potentials, with which most rows find a free column at once; shortest augmenting
+paths in double precision (`augmenting.py`) assign the remaining rows. The potentials change the
+time, never the optimum. Lower last temperatures, more steps and stronger over-relaxation did not
+pay over all sizes.
+
+The temperature is a share of the costs' standard deviation. It is a share of (mean - least cost)
+where that is far larger, as for the entries of a Sinkhorn plan, nearly all of which are 0. It falls
+further where a row's lowest costs lie much closer together, as within clusters that lie far apart.
+`benchmarks/assignment.py` compares the solver with torchcfm, SciPy and POT.
 """
 
 import numpy as np
@@ -22,10 +23,10 @@ from cotlearn.validation import check_number
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SMALL_BATCH = 64  #: up to here SciPy is done before potentials would be
+SMALL_BATCH = 64  #: rows up to which SciPy alone is faster
 EASY = 0.75  #: share of rows with a cheapest column of their own, above which SciPy is as fast
-SINKHORN_STEPS, SINKHORN_ERROR = 1000, 1e-6  #: at most, and of the marginals
-UNDERFLOW = 100.0  #: exp(-100) is a number, exp(-1000) is not: beyond this, logarithms
+SINKHORN_STEPS, SINKHORN_ERROR = 1000, 1e-6  #: most steps; tolerance of the marginals
+UNDERFLOW = 100.0  #: exponent above which Sinkhorn needs logarithms: exp(-1000) is 0
 
 
 def exact_permutation(cost: Array) -> Index:
@@ -43,7 +44,7 @@ def exact_permutation(cost: Array) -> Index:
     cost = _check_cost(cost)
     if len(cost) > SMALL_BATCH:
         least, spread, near, easy = survey(cost)
-        if 1e-30 < spread < 1e30 and easy < EASY * len(cost):  # else beyond single precision
+        if 1e-30 < spread < 1e30 and easy < EASY * len(cost):  # single precision holds the scale
             permutation: Index = assign(cost, *potentials(cost, least, spread, near))
             return permutation
     return linear_sum_assignment(cost)[1].astype(np.int64)
@@ -52,7 +53,8 @@ def exact_permutation(cost: Array) -> Index:
 def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
     """The entropic plan between uniform weights (Cuturi 1306.0895).
 
-    With logarithms where the plan's entries could underflow, else without, ten times faster.
+    It works on logarithms only where the plan's entries could underflow; otherwise it is ten times
+    faster.
 
     Args:
         cost: (B, B), finite.
@@ -80,10 +82,10 @@ def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
 
 
 def _scaled_kernel(kernel: Array) -> Array:
-    """Scales rows and columns in turn until each sums to 1/B.
+    """Scale rows and columns in turn until each sums to 1/B.
 
-    The same steps as `ot.sinkhorn`, which looks for infinities after each of them; at 64 rows that
-    takes longer than the steps.
+    These are the steps of `ot.sinkhorn` without its check for infinities after each step, which at
+    64 rows takes longer than the step.
     """
     weight = 1 / len(kernel)
     u = np.full(len(kernel), weight)
@@ -97,7 +99,7 @@ def _scaled_kernel(kernel: Array) -> Array:
 
 
 def draw_pairs(plan: Array, n: int, rng: np.random.Generator) -> tuple[Index, Index]:
-    """Draw n pairs (row, column) from a plan, with replacement."""
+    """Draw n pairs from a plan (B, B) with replacement: row and column indices, each (n,)."""
     flat = plan.ravel().clip(min=0)
     drawn = rng.choice(flat.size, size=n, p=flat / flat.sum())
     rows, columns = np.divmod(drawn, plan.shape[1])

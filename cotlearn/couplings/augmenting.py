@@ -1,15 +1,14 @@
-"""Exact assignment from nearly optimal potentials: shortest augmenting paths, lazily dense.
+"""Exact assignment from nearly optimal potentials by shortest augmenting paths.
 
-The classical way (Jonker and Volgenant 1987) adds one row at a time by the shortest path, in
-reduced costs, to a free column. Good potentials make those paths short, but each row on them still
-looks at all B columns. Here a row looks first at its near columns, those whose reduced cost is
-below a threshold that about 16 of a row meet, and puts a note into the queue: "beyond these,
-nothing is nearer than d". Only if the search reaches that distance does the row look at all
-columns. The result is exact whatever the potentials and the threshold are; they only change the
-time.
+The classical method (Jonker and Volgenant 1987) adds one row at a time, along the shortest path in
+reduced costs to a free column. Good potentials make these paths short, but each row on a path still
+scans all B columns. Here a row first scans only its near columns (about 16, whose reduced cost is
+below a threshold) and puts a marker into the queue: "all other columns are at least d away". Only
+if the search reaches distance d does the row scan all columns. The result is exact for any
+potentials and any threshold; they only change the time.
 
-This is the one place where the course needs compiled loops. Numba compiles them when they are
-first called (a few seconds, kept in a cache).
+Only this file and `annealing.py` need compiled loops. Numba compiles them on the first call (a few
+seconds, kept in a cache).
 """
 
 import heapq
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-WIDTH = 128  #: near columns that a row remembers, at most
+WIDTH = 128  #: most near columns that are stored for a row
 
 
 def assign(cost: Array, rows: Array, columns: Array) -> Index:
@@ -39,7 +38,7 @@ def assign(cost: Array, rows: Array, columns: Array) -> Index:
     some = slice(None, None, max(1, n // 16))
     reduced = (cost[some] - rows[some, None] - columns).ravel()
     rank = max(16, n // 32) * reduced.size // n
-    # about 16 columns of a row do not exceed it, more in large batches
+    # the threshold: about 16 columns of a row lie below it, more in large batches
     return _assign(cost, rows, columns, float(np.partition(reduced, rank)[rank]))
 
 
@@ -50,9 +49,9 @@ def _assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
     near_column = np.empty((n, WIDTH), np.int64)
     near_cost = np.empty((n, WIDTH))
     n_near = np.zeros(n, np.int64)
-    beyond = np.full(n, np.inf)  # no column that is not near costs less
+    beyond = np.full(n, np.inf)  # least reduced cost of the columns that are not near
     column_of, row_of = np.full(n, -1), np.full(n, -1)
-    for i in range(n):  # every row takes its cheapest column, if that is free
+    for i in range(n):  # every row takes its cheapest column if it is free
         best, least = -1, np.inf
         for j in range(n):
             reduced = cost[i, j] - rows[i] - columns[j]
@@ -66,7 +65,7 @@ def _assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
         if row_of[best] < 0:
             row_of[best], column_of[i] = i, best
 
-    price = np.zeros(n)  # of the columns, on top of their potentials; it never rises
+    price = np.zeros(n)  # of each column, added to its potential; it never rises
     distance, before = np.full(n, np.inf), np.full(n, -1)
     settled, reached = np.zeros(n, np.bool_), np.empty(n, np.int64)
     queue = [(0.0, 0)]
@@ -74,7 +73,7 @@ def _assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
         if column_of[start] >= 0:
             continue
         queue.clear()
-        row, offset, n_reached = start, 0.0, 0  # offset: distance to the row, less its own price
+        row, offset, n_reached = start, 0.0, 0  # offset: distance to the row less its reduced cost
         while True:
             for k in range(n_near[row]):
                 j = near_column[row, k]
@@ -85,12 +84,12 @@ def _assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
                         n_reached += 1
                     distance[j], before[j] = longer, row
                     heapq.heappush(queue, (longer, j))
-            heapq.heappush(queue, (offset + beyond[row], n + row))  # the note
+            heapq.heappush(queue, (offset + beyond[row], n + row))  # the marker
             while True:
                 length, node = heapq.heappop(queue)
                 if node < n:
                     if settled[node] or length > distance[node]:
-                        continue  # reached by a shorter way since
+                        continue  # a shorter path reached it in the meantime
                     break
                 far = node - n
                 offset = length - beyond[far]
@@ -113,7 +112,7 @@ def _assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
                 price[j] += distance[j] - length
                 settled[j] = False
             distance[j] = np.inf
-        while True:  # along the path every row moves on to the next column
+        while True:  # every row on the path moves to the next column
             row = before[node]
             row_of[node] = row
             column_of[row], node = node, column_of[row]

@@ -1,4 +1,4 @@
-"""What every coupling is (`Coupling`), and what it returns (`Pairs`)."""
+"""The base class of all couplings (`Coupling`) and what a coupling returns (`Pairs`)."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from cotlearn.validation import (
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-MANY_DIMENSIONS = 12  #: from here on a matrix product is the faster way to distances
-LOST_DIGITS = 1e-6  #: share of the largest |a|^2 + |b|^2 below which a product would lose digits
+MANY_DIMENSIONS = 12  #: columns from which a matrix product computes distances faster
+LOST_DIGITS = 1e-6  #: share of the largest |a|^2 + |b|^2 below which the product loses digits
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """Noise x0 and data x1 that train together, with the condition the network is given.
+    """Paired noise x0 and data x1, with the condition that the network is given.
 
     Attributes:
         x0: (B, d) noise.
         x1: (B, d) data.
         c: (B, k) conditions, or None.
-        source_index: (B,) row of each x0 in the batch that went in.
-        target_index: (B,) row of each x1 in the batch that went in.
+        source_index: (B,) row of each x0 in the input batch.
+        target_index: (B,) row of each x1 in the input batch.
         weight: (B,) weight of each row in the loss, or None for equal weights.
     """
 
@@ -61,14 +61,14 @@ class Pairs:
         return len(self.x0)
 
     def map(self, change: Callable[[Tensor], Tensor]) -> Pairs:
-        """The pairs with `change` applied to every tensor: a slice, another device."""
+        """Apply `change` to every tensor, for instance to slice it or to move it to a device."""
         given = (getattr(self, f.name) for f in fields(self))
         values: Any = (None if value is None else change(value) for value in given)
         return Pairs(*values)
 
     @staticmethod
     def cat(parts: Sequence[Pairs]) -> Pairs:
-        """Several pairs as one."""
+        """Concatenate several `Pairs` row by row."""
         if len(parts) == 1:
             return parts[0]
         columns = ([getattr(part, f.name) for part in parts] for f in fields(Pairs))
@@ -77,7 +77,7 @@ class Pairs:
 
 
 class Sampler(Protocol):
-    """Data: anything whose `sample(n, generator=g)` returns (x1, c), c possibly None."""
+    """Data: an object whose `sample(n, generator=g)` returns (x1, c); c may be None."""
 
     def sample(
         self, n: int, generator: torch.Generator | None = None
@@ -87,7 +87,7 @@ class Sampler(Protocol):
 
 
 class Source(Protocol):
-    """Noise: anything that called as `source(n, generator=g)` returns x0 of shape (n, d)."""
+    """Noise: a callable whose `source(n, generator=g)` returns x0 of shape (n, d)."""
 
     def __call__(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Draw n rows."""
@@ -95,17 +95,17 @@ class Source(Protocol):
 
 
 class Match(NamedTuple):
-    """The rows of source and target that a coupling puts together."""
+    """The rows of source and target that a coupling pairs."""
 
     source_index: Index
     target_index: Index
-    condition_index: Index | None = None  #: rows of c that are the labels; target_index if None
-    x1: Tensor | None = None  #: data, where it is not x1[target_index]
-    weight: Tensor | None = None  #: of each row in the loss
+    condition_index: Index | None = None  #: row of c that labels each pair; None: target_index
+    x1: Tensor | None = None  #: data of the pairs; None: x1[target_index]
+    weight: Tensor | None = None  #: weight of each row in the loss; None: equal weights
 
 
 class WithOptions:
-    """A dataclass whose repr names functions: a checkpoint compares it between processes."""
+    """A dataclass whose repr gives functions by name, so that checkpoints can compare it."""
 
     def __repr__(self) -> str:
         own: Any = self
@@ -116,23 +116,24 @@ class WithOptions:
 
 @dataclass(repr=False, eq=False)
 class Coupling(WithOptions):
-    """Decides which noise meets which data. A new coupling overrides `match`, and nothing else.
+    """Pairs noise with data. A new coupling overrides `match`, and nothing else.
 
-    Its options are the fields of a dataclass, `@dataclass(repr=False)`. One that looks at all the
-    data sets `whole_data` and gets an epoch in the place of a batch: see `prepare`, `epoch_rows`.
-    One that looks at the model sets `uses_network` and overrides `observe`.
+    Its options are the fields of a dataclass, `@dataclass(repr=False)`. A coupling that needs the
+    whole data set sets `whole_data = True` and is given an epoch instead of a batch: see `prepare`
+    and `epoch_rows`. A coupling that needs the model sets `uses_network = True` and overrides
+    `observe`.
     """
 
     name = "coupling"
     uses_network = False
-    uses_ot_batch = False  #: more rows paired at once give each a better choice
-    whole_data = False  #: all the data are looked at: no ot_batch_size applies
-    solves = True  #: pairing takes long enough to be done in the background
+    uses_ot_batch = False  #: a larger ot_batch_size gives each row more candidates
+    whole_data = False  #: needs the whole data set; ot_batch_size does not apply
+    solves = True  #: pairing takes long enough to be worth a background thread
     needs_condition = False
-    transformable = True  #: pairs rows of a batch by their x1 and c alone (see `Transformed`)
+    transformable = True  #: pairs rows of a batch by x1 and c alone (see `Transformed`)
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
-        """Which rows of x0 and x1 meet; arguments are checked already."""
+        """Choose which rows of x0 (B, d) and x1 (B, d) to pair; `__call__` has checked them."""
         raise NotImplementedError
 
     def __call__(
@@ -147,14 +148,14 @@ class Coupling(WithOptions):
         Args:
             x0: (B, d) noise, floating point and finite; any device.
             x1: (B, d) data.
-            c: (B, k) conditions of x1, or None where the coupling does not need one.
-            generator: randomness; the default is torch's global one.
+            c: (B, k) conditions of x1, or None if the coupling does not need them.
+            generator: source of randomness; torch's global generator if None.
 
         Returns:
-            `Pairs` of B rows with the devices and dtypes of the inputs, which are not changed.
+            `Pairs` of B rows, with the devices and dtypes of the inputs. Inputs are not changed.
 
         Raises:
-            TypeError: an input is not a floating-point tensor, or c is needed and None.
+            TypeError: an input is not a floating-point tensor, or c is None but needed.
             ValueError: shapes do not match, a batch is empty, or values are not finite.
         """
         check_matrix(x0, "x0")
@@ -181,25 +182,26 @@ class Coupling(WithOptions):
         generator: torch.Generator | None = None,
         start: int = 0,
     ) -> Iterator[Pairs]:
-        """Yield training batches for ever.
+        """Yield training batches without end.
 
-        Batch number s is a function of the generator's seed and s alone, so that a stream resumed
-        with `start` goes on with the same numbers. Where whole epochs are paired, an incomplete
-        last batch is left out, and epochs of fewer rows than a batch are put together.
+        Batch number s depends only on the generator's seed and s, so that a stream resumed with
+        `start` continues with the same batches. Where whole epochs are paired, an incomplete last
+        batch is dropped, and epochs smaller than a batch are concatenated.
 
         Args:
-            data: has `sample(n, generator=g) -> (x1, c)`; for couplings of `whole_data` also `x1`,
-                `c` and a length.
+            data: has `sample(n, generator=g) -> (x1, c)`; for a coupling with `whole_data` also
+                `x1`, `c` and a length.
             batch_size: rows of each yielded `Pairs`.
-            ot_batch_size: rows that are paired at once; a multiple of batch_size (the default).
-                More rows help where the coupling has `uses_ot_batch`.
+            ot_batch_size: rows that are paired at once, a multiple of batch_size; batch_size if
+                None. More rows help if the coupling has `uses_ot_batch`.
             source: draws the noise; standard normal if None.
-            generator: its initial seed decides everything; torch's global seed if None.
+            generator: only its initial seed counts; torch's global seed if None.
             start: number of the first batch.
 
         Raises:
-            TypeError: the data are endless, and the coupling must see all of them.
-            ValueError: a size out of range, or an ot_batch_size where all the data are paired.
+            TypeError: the data are endless, but the coupling needs the whole data set.
+            ValueError: a size is out of range, or ot_batch_size is given to a coupling with
+                `whole_data`.
         """
         check_count(batch_size, "batch_size")
         ot_batch_size = batch_size if ot_batch_size is None else ot_batch_size
@@ -219,7 +221,7 @@ class Coupling(WithOptions):
         while True:
             generators = [generator_for(seed, number * solves + k) for k in range(solves)]
             pairs = Pairs.cat([self.solve(data, rows, source, rng) for rng in generators])
-            if epoch:  # it is paired cluster by cluster
+            if epoch:  # its pairs are ordered by cluster
                 shuffle = generator_for(seed, number, purpose=2)
                 pairs = pairs.map(itemgetter(torch.randperm(len(pairs), generator=shuffle)))
             for k in range(first, len(pairs) // batch_size):
@@ -227,40 +229,40 @@ class Coupling(WithOptions):
             number, first = number + 1, 0
 
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
-        """See the data of a stream before its first batch, to fit clusters or potentials."""
+        """Fit clusters or potentials to the data before the first batch of a stream."""
 
     def epoch_rows(self, data: Any) -> int:
-        """Rows of an epoch, where a whole epoch is paired at once; 0 where batches are."""
+        """Rows of an epoch if a whole epoch is paired at once; 0 if batches are."""
         return 0
 
     def draw(self, data: Any, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor | None]:
-        """The n rows (x1, c) of a stream that are paired at once."""
+        """Draw the n rows (x1, c) that a stream pairs at once."""
         x1, c = data.sample(n, generator=generator)
         return x1, c
 
     def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
-        """Draw n rows of a stream, and noise, and pair them."""
+        """Draw n rows of data and noise for a stream, and pair them."""
         x1, c = self.draw(data, n, generator)
         return self(draw_noise(x1, source, generator), x1, c, generator)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
-        """How many rows of the data a noise row can choose from, on average, in such a batch.
+        """Average number of data rows that a noise row can choose from in this batch.
 
-        The straightening of any coupling is limited by this number; it is 1 where rows pair with
-        themselves. Where conditions have a price, rows count whose condition costs no more than
-        an average sample distance: 1 + (B - 1)/K for K balanced labels and a large weight.
+        This number limits how much a coupling can straighten paths. It is 1 if row i is paired with
+        row i. If the cost includes the conditions, only rows count whose condition cost does not
+        exceed the mean sample cost: 1 + (B - 1)/K rows for K balanced labels and a large weight.
         """
         return 1.0
 
     def observe(self, network: torch.nn.Module, step: int) -> None:
-        """See the current (EMA) network before `step`; most couplings do not look."""
+        """Take the current EMA network before `step`; most couplings ignore it."""
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Tensors that a resumed training needs; most couplings have none."""
+        """Tensors needed to resume training; empty for most couplings."""
         return {}
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Take back what `state_dict` gave."""
+        """Restore the state that `state_dict` returned."""
 
     def _check_condition(self, c: Tensor | None, x: Tensor, name: str) -> None:
         """Raise TypeError or ValueError unless c are conditions of the rows of x."""
@@ -273,13 +275,13 @@ class Coupling(WithOptions):
         """Raise TypeError unless the data have `x1`, `c` and a length."""
         if not all(hasattr(data, name) for name in ("x1", "c", "__len__")):
             raise TypeError(
-                f"{type(self).__name__} looks at all the data, and these are endless (no x1, c and "
-                "len): give a Dataset of rows drawn from them, or to StratifiedOT n_samples="
+                f"{type(self).__name__} needs finite data with x1, c and len, got endless data: "
+                "draw a Dataset from them, or give n_samples to StratifiedOT"
             )
 
 
 class Batches(Coupling):
-    """Pairs that are made already, batch by batch."""
+    """A coupling that yields existing batches of `Pairs`."""
 
     solves = False
 
@@ -292,14 +294,14 @@ class Batches(Coupling):
 
 
 class Last:
-    """The last value of a function of tensors, kept for the same tensors: epoch after epoch."""
+    """A cache of a function's last value, reused while its tensors are the same objects."""
 
     def __init__(self) -> None:
         self.tensors: tuple[Tensor, ...] = ()
         self.value: Any = None
 
     def __call__(self, function: Callable[..., Any], *tensors: Tensor) -> Any:
-        """The function's value for the tensors."""
+        """The function's value for these tensors, from the cache if they are the last ones."""
         same = len(tensors) == len(self.tensors)
         if not (same and all(a is b for a, b in zip(tensors, self.tensors, strict=True))):
             self.tensors, self.value = tensors, function(*tensors)
@@ -307,19 +309,19 @@ class Last:
 
 
 def check_like(value: Any, name: str, x: Tensor) -> Tensor:
-    """Return what a user's function gave if it is finite and has the shape of x (B, d)."""
+    """Return a user function's `value` if it is finite and has the shape of x (B, d)."""
     return check_matrix(check_shape(value, name, tuple(x.shape)), name)
 
 
 def draw_noise(x1: Tensor, source: Source | None, generator: torch.Generator) -> Tensor:
-    """Noise of the shape of x1, standard normal unless a source is given."""
+    """Draw noise with the shape of x1 (n, d), standard normal unless a source is given."""
     if source is None:
         return torch.randn(x1.shape, dtype=x1.dtype, generator=generator)
     return check_shape(source(len(x1), generator=generator), "source(n)", tuple(x1.shape))
 
 
 def generator_for(seed: int, number: int, purpose: int = 0) -> torch.Generator:
-    """A generator that depends on (seed, number, purpose) alone, on every machine the same."""
+    """A generator seeded by (seed, number, purpose) only, the same on every machine."""
     sequence = np.random.SeedSequence([seed % 2**64, number, purpose])
     return torch.Generator().manual_seed(int(sequence.generate_state(1, np.uint64)[0]) >> 1)
 
@@ -327,9 +329,9 @@ def generator_for(seed: int, number: int, purpose: int = 0) -> torch.Generator:
 def squared_distances(first: Tensor, second: Tensor) -> Array:
     """|a_i - b_j|^2 for all rows, float64, shape (len(first), len(second)).
 
-    In many dimensions by one matrix product, of (-2a, |a|^2, 1) and (b, 1, |b|^2), and again
-    without it where rows are so near each other that the product would lose digits; equal rows
-    have distance 0 either way.
+    From 12 dimensions on, one matrix product of (-2a, |a|^2, 1) and (b, 1, |b|^2) is faster.
+    Distances so small that the product loses digits are computed again directly, so that equal
+    rows have distance 0.
     """
     a, b = to_numpy(first), to_numpy(second)
     if a.shape[1] >= MANY_DIMENSIONS:
@@ -350,12 +352,12 @@ def squared_distances(first: Tensor, second: Tensor) -> Array:
 
 
 def near_rows(weight: float, condition_cost: Array, sample_cost: Array) -> float:
-    """How many conditions, on average, cost no more than an average sample distance."""
+    """Mean number of conditions per row whose weighted cost is at most the mean sample cost."""
     return float((weight * condition_cost <= sample_cost.mean()).sum(axis=1).mean())
 
 
 def to_numpy(value: Tensor) -> Array:
-    """float64 on the CPU; shares memory with a value that is so already."""
+    """A tensor as a float64 array on the CPU; shares memory if it is one already."""
     array: Array = value.detach().to("cpu", torch.float64).numpy()
     return array
 

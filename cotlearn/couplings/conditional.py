@@ -1,4 +1,4 @@
-"""Conditional optimal transport: the plan pays for a change of condition."""
+"""Conditional optimal transport: the cost includes the distance of the conditions."""
 
 from __future__ import annotations
 
@@ -24,25 +24,26 @@ BALANCED = "balanced"
 class ConditionalOT(Coupling):
     """COT: cost |x0 - x1|^2 + w |c0 - c|^2, where c0 is a random permutation of the batch's c.
 
-    Each noise row gets a condition c0 of its own; the plan then pairs (x0, c0) with (x1, c). At
-    w = 0 this is naive minibatch OT. As w grows noise stays within its condition, so that
-    p(x0 | c) is the prior again. At w = infinity rows pair only with equal conditions: the exact
-    plan of each class for labels, and the independent coupling if every c is different.
-    One parametrisation serves all papers: w = g^2 (COT Policy 2505.01179) = beta^2 (Chemseddine
-    2403.18705) = 1/eps (Kerrigan 2404.04240).
+    Each noise row gets a condition c0; the plan then pairs (x0, c0) with (x1, c). At w = 0 this is
+    naive minibatch OT. As w grows, noise is paired within its condition, and p(x0 | c) approaches
+    the prior. At w = infinity only rows with equal conditions are paired: for labels this is the
+    exact plan of each class; if all c differ, it is the independent coupling.
+    The papers use the same weight in other forms: w = g^2 (COT Policy 2505.01179) = beta^2
+    (Chemseddine 2403.18705) = 1/eps (Kerrigan 2404.04240).
 
     Args:
         condition_weight: w, at least 0, or math.inf; or "balanced", COT Policy's rule for each
             batch: w = g^2 with g = 10 mean|x0_i - x1_j| / mean|c0_i - c_j| (distances not
-            squared), so that the condition's cost is about 100 times the sample's.
+            squared), so that the condition cost is about 100 times the sample cost.
         label: "target" (COT Policy, C2OT): the network is given the condition of x1, which keeps
             p(x1 | c) exact and skews the prior. "source" (Chemseddine's code): it is given c0,
             which keeps the prior exact and smears the data over nearby conditions.
-        condition: what the coupling sees of c, a function (n, k) -> (n, m): a fitted
-            `KMeansCondition`, for instance. The network is always given c itself.
+        condition: maps c (n, k) to the condition (n, m) in the cost, for instance a fitted
+            `KMeansCondition`. The network is always given c itself.
 
     Raises:
-        ValueError: a weight below 0 or NaN, or an unknown option.
+        TypeError: condition is not callable; when pairing, c is None.
+        ValueError: condition_weight is negative or NaN, or an option is unknown.
     """
 
     condition_weight: float | str = BALANCED
@@ -53,7 +54,7 @@ class ConditionalOT(Coupling):
     name = "conditional_ot"
     uses_ot_batch = True
     needs_condition = True
-    rules = (BALANCED,)  #: that find a weight for each batch
+    rules = (BALANCED,)  #: names of rules that choose a weight for each batch
 
     def __post_init__(self) -> None:
         if isinstance(self.condition_weight, str):
@@ -83,7 +84,7 @@ class ConditionalOT(Coupling):
         return cls(1 / epsilon if epsilon else math.inf, **options)
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
-        """Give the noise its conditions c0, then pair (x0, c0) with (x1, c)."""
+        """Draw the conditions c0 of the noise, then pair (x0, c0) with (x1, c)."""
         seen = self._seen_of(c)
         noise_condition_index = rng.permutation(len(x0))  # c0 = c[noise_condition_index]
         if self.condition_weight == math.inf:
@@ -97,20 +98,23 @@ class ConditionalOT(Coupling):
         return Match(source, target, labels)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Any = None) -> float:
-        """Rows whose condition costs no more than an average sample distance."""
+        """Rows whose condition cost is at most the mean sample cost."""
         seen = self._seen_of(c)
         cost, sample_cost = squared_distances(seen, seen), squared_distances(x0, x1)
         if self.condition_weight == math.inf:
             return float((cost == 0).sum(axis=1).mean())
-        shuffled = np.random.default_rng(0).permutation(len(cost))  # the rows may be pairs already
+        shuffled = np.random.default_rng(0).permutation(len(cost))  # x0 and x1 may be paired
         return near_rows(self.weight(sample_cost, cost, shuffled), cost, sample_cost)
 
     def weight(
         self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
     ) -> float:
-        """The condition weight of a batch whose noise row i has condition noise_condition_index[i].
+        """The condition weight of a batch.
 
-        Costs are (B, B).
+        Args:
+            sample_cost: (B, B), |x0_i - x1_j|^2.
+            condition_cost: (B, B), |c0_i - c_j|^2.
+            noise_condition_index: (B,), c0 = c[noise_condition_index].
         """
         if not isinstance(self.condition_weight, str):
             return self.condition_weight
@@ -120,7 +124,7 @@ class ConditionalOT(Coupling):
         return float((10 * np.sqrt(sample_cost).mean() / spread) ** 2)
 
     def _seen_of(self, c: Tensor) -> Tensor:
-        """What the coupling sees of the conditions, (B, m)."""
+        """The conditions in the cost, (B, m)."""
         if self.condition is not None:
             rows, c = c, check_condition(self.condition(check_condition(c)), "condition(c)")
             check_same_rows(c, "condition(c)", rows, "c")
@@ -164,17 +168,17 @@ def _within_classes(
         columns = np.flatnonzero(label == k)
         sources.append(rows)
         targets.append(columns[exact_permutation(sample_cost[np.ix_(rows, columns)])])
-    order = rng.permutation(len(c))  # no batch cut from these pairs is of one class
+    order = rng.permutation(len(c))  # so that batches cut from these pairs mix the classes
     return np.concatenate(sources)[order], np.concatenate(targets)[order]
 
 
 def warn_if_imprecise(mean_sample_cost: float, largest: float, rows: int, weight: float) -> None:
-    """Warn if rounding of the total cost is no longer small against the sample cost."""
+    """Warn if rounding errors of the total cost are not small against the sample cost."""
     if np.finfo(np.float64).eps * largest * rows > 1e-3 * mean_sample_cost:
         warnings.warn(
-            f"condition_weight {weight:.3g} makes the condition's cost up to {largest:.3g}, so "
-            f"large that rounding hides the sample's cost ({mean_sample_cost:.3g} on average); use "
-            "a smaller weight, or pair within equal conditions: math.inf, or clusters",
+            f"condition_weight {weight:.3g} makes the condition cost up to {largest:.3g}, so large "
+            f"that rounding hides the sample cost ({mean_sample_cost:.3g} on average); use a "
+            "smaller weight, or pair within equal conditions: math.inf, or clusters",
             RuntimeWarning,
             stacklevel=2,
         )

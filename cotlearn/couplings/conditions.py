@@ -1,7 +1,7 @@
-"""What a condition is when pairs are made: standardised, clustered, projected, put together.
+"""Conditions as a coupling sees them: standardised, clustered, projected or combined.
 
 The network is always given the condition itself; these functions decide what the *coupling* sees.
-Each is fitted once, on the training set, keeps what it fitted, and is called as f(c) -> (n, m).
+Each is fitted once, on the training set, and then called as f(c) -> (n, m).
 """
 
 import math
@@ -24,26 +24,33 @@ from cotlearn.validation import (
     check_same_rows,
 )
 
-ROWS_AT_ONCE = 4096  #: embedded rows, or distances, that are held in memory together
+ROWS_AT_ONCE = 4096  #: rows whose distances to the centroids are held in memory at once
 
 
 def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | None = None) -> Tensor:
-    """Several named conditions as one: each standardised, then weighted.
+    """Standardise several named conditions, weight them, and concatenate their columns.
 
-    The squared distance of the result is sum_name w_name |difference|^2 / columns, on average 2
-    for each condition of weight 1, whatever its scale and its number of columns (constant columns
+    The squared distance of two rows is then sum_name w_name |difference|^2 / columns. A condition
+    of weight 1 contributes 2 on average, whatever its scale and number of columns (constant columns
     do not count).
 
     Args:
         conditions: name -> (n, k_name).
-        weights: name -> weight, at least 0; 1 where not given.
+        weights: name -> weight, at least 0; names that are left out have weight 1.
+
+    Returns:
+        (n, sum of all k_name).
+
+    Raises:
+        ValueError: conditions is empty, their rows differ, weights has an unknown name, or a weight
+            is negative.
     """
     if not conditions:
         raise ValueError("conditions is empty: give at least one named condition")
     weights = {} if weights is None else weights
     unknown = sorted(set(weights) - set(conditions))
     if unknown:
-        raise ValueError(f"weights names {unknown}, conditions has {sorted(conditions)}")
+        raise ValueError(f"weights has unknown names {unknown}, expected {sorted(conditions)}")
     parts: list[Tensor] = []
     first_name, first = next(iter(conditions.items()))
     for name, c in conditions.items():
@@ -57,10 +64,10 @@ def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | Non
 
 
 class Clusters(WithOptions):
-    """Conditions grouped by the nearest of some centroids: an abstract class.
+    """Abstract base class: groups conditions by their nearest centroid.
 
-    Called on c (n, k) it returns the centroids (n, m) that stand for the rows; `labels(c)` returns
-    their numbers. One that `project`s before the search overrides `_fit` and `project`.
+    Calling it on c (n, k) returns the nearest centroid of each row, (n, m); `labels(c)` returns the
+    centroids' indices. A subclass overrides `_fit` and `project`.
     """
 
     clusters: int
@@ -79,41 +86,41 @@ class Clusters(WithOptions):
         """
         c = check_condition(c)
         if self.clusters > len(c):
-            raise ValueError(f"clusters must be at most the {len(c)} rows of c: {self.clusters}")
+            raise ValueError(f"clusters must be at most {len(c)} (rows of c), got {self.clusters}")
         self._fitted = self._fit(c)
         centroids = _k_means(to_numpy(self.project(c)), self.clusters, self.seed)
         self._fitted = {**self._fitted, "centroids": torch.from_numpy(centroids).to(c)}
         return self
 
     def _fit(self, c: Tensor) -> dict[str, Tensor]:
-        """What `project` needs."""
+        """Fit the tensors that `project` needs."""
         raise NotImplementedError
 
     def project(self, c: Tensor) -> Tensor:
-        """The space of the centroids, (n, m)."""
+        """Map c (n, k) into the space of the centroids, (n, m)."""
         raise NotImplementedError
 
     @property
     def centroids(self) -> Tensor:
-        """(K, m), in the space of `project`."""
+        """The centroids (K, m), in the space of `project`."""
         return self._ready("centroids")
 
     def labels(self, c: Tensor) -> Tensor:
-        """The number of the nearest centroid, (n,), 0 .. K-1; in float64, as some lie close."""
+        """The index 0 .. K-1 of each row's nearest centroid, (n,); distances are in float64."""
         centroids = self.centroids.to(c.device, torch.float64)
         parts = (self.project(part).double() for part in check_condition(c).split(ROWS_AT_ONCE))
         return torch.cat([torch.cdist(part, centroids).argmin(dim=1) for part in parts])
 
     def __call__(self, c: Tensor) -> Tensor:
-        """The centroid of each row, (n, m)."""
+        """The nearest centroid of each row of c (n, k), (n, m)."""
         return self.centroids.to(c.device)[self.labels(c)]
 
     def state_dict(self) -> dict[str, Tensor]:
-        """What was fitted, to be saved with the weights."""
+        """The fitted tensors, to be saved with the weights."""
         return dict(self._fitted)
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Take back what `state_dict` gave."""
+        """Restore the state that `state_dict` returned."""
         self._fitted = dict(state)
 
     def _ready(self, name: str) -> Tensor:
@@ -124,12 +131,12 @@ class Clusters(WithOptions):
 
 @dataclass(repr=False)
 class KMeansCondition(Clusters):
-    """The nearest of K centroids, fitted by k-means++ on standardised conditions.
+    """The nearest of K centroids, fitted by k-means++ to standardised conditions.
 
-    Centroids are (K, k), in standardised units.
+    The centroids (K, k) are in standardised units.
 
     Args:
-        clusters: K, at least 1. Where the data have fewer distinct conditions, each gets its own.
+        clusters: K, at least 1. If there are at most K distinct conditions, each is a centroid.
         seed: of k-means++.
     """
 
@@ -142,7 +149,7 @@ class KMeansCondition(Clusters):
         return {"mean": scaler.mean, "std": scaler.std}
 
     def project(self, c: Tensor) -> Tensor:
-        """The conditions (n, k) in standard units."""
+        """The standardised conditions, (n, k)."""
         mean, std = (self._ready(name).to(c.device) for name in ("mean", "std"))
         return Standardiser(mean, std)(check_matrix(check_condition(c), "c", columns=len(mean)))
 
@@ -151,16 +158,15 @@ class KMeansCondition(Clusters):
 class PCAKMeansCondition(Clusters):
     """COT Policy's condition for images (2505.01179): PCA of raw pixels, then k-means.
 
-    Pixels are flattened, centred by the mean of the training set (stored: the published code
-    centres each batch by its own mean), projected to principal components; proprioception is
-    appended unscaled; the nearest of K centroids stands for the row.
-
-    The condition is one matrix whose first columns are the flattened pixels.
+    The condition c is one matrix: first the flattened pixels, then proprioception. The pixels are
+    centred by the mean of the training set (the published code uses each batch's mean) and
+    projected to principal components; proprioception is appended unscaled. Each row is then
+    replaced by the nearest of K centroids.
 
     Args:
-        pixels: columns of c that are pixels; all if None.
-        components: principal components, at most the number of training rows and of pixels.
-        clusters: K.
+        pixels: number of leading columns of c that are pixels; all columns if None.
+        components: number of principal components, at most the training rows and at most pixels.
+        clusters: K, at least 1.
     """
 
     pixels: int | None = None
@@ -186,7 +192,7 @@ class PCAKMeansCondition(Clusters):
         return {name: torch.from_numpy(value).to(c) for name, value in fitted.items()}
 
     def project(self, c: Tensor) -> Tensor:
-        """Principal components and proprioception, (n, components + other columns)."""
+        """Principal components, then proprioception: (n, components + other columns)."""
         c = check_condition(c)
         mean, basis = (self._ready(name).to(c) for name in ("mean", "basis"))
         pixels = check_matrix(c[:, : self.pixels], "the pixels of c", columns=len(mean))
@@ -195,12 +201,12 @@ class PCAKMeansCondition(Clusters):
 
 @dataclass(repr=False)
 class EmbeddedClusters(Clusters):
-    """Clusters of what a function makes of the conditions: of pictures, of an encoder's features.
+    """Clusters of embedded conditions, for instance of an image encoder's features.
 
     Args:
-        embed: makes a matrix (n, m) of conditions (n, k); stays as it is.
+        embed: maps conditions (n, k) to a matrix (n, m); it is not trained.
         inner: clusters that are fitted to the embedding.
-        rows: at most so many of the training conditions, drawn at random, are embedded for that.
+        rows: largest number of training conditions, drawn at random, to fit `inner` to.
     """
 
     embed: Callable[[Tensor], Tensor]
@@ -214,7 +220,7 @@ class EmbeddedClusters(Clusters):
         check_count(self.rows, "rows")
 
     def fit(self, c: Tensor) -> Self:
-        """Fit the clusters to the embedding of c (n, k)."""
+        """Fit `inner` to the embedding of c (n, k)."""
         c = check_condition(c)
         if len(c) > self.rows:
             rng = torch.Generator().manual_seed(self.seed)
@@ -223,20 +229,20 @@ class EmbeddedClusters(Clusters):
         return self
 
     def project(self, c: Tensor) -> Tensor:
-        """The embedding in the space of the centroids, (n, m)."""
+        """Embed c (n, k) and map it into the space of the centroids, (n, m)."""
         return self.inner.project(self._embedded(c))
 
     @property
     def centroids(self) -> Tensor:
-        """(K, m), of the clusters of the embedding."""
+        """The centroids (K, m) of `inner`."""
         return self.inner.centroids
 
     def state_dict(self) -> dict[str, Tensor]:
-        """What the clusters of the embedding fitted."""
+        """The fitted tensors of `inner`."""
         return self.inner.state_dict()
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Take back what `state_dict` gave."""
+        """Restore the state that `state_dict` returned."""
         self.inner.load_state_dict(state)
 
     def _embedded(self, c: Tensor) -> Tensor:
@@ -245,7 +251,7 @@ class EmbeddedClusters(Clusters):
 
 
 def _k_means(rows: Any, clusters: int, seed: int) -> Any:
-    """The distinct rows if these are few; else centroids by k-means++, of very many on a sample."""
+    """Centroids by k-means++ (on a sample of large data); the distinct rows if they are few."""
     distinct = np.unique(rows, axis=0)
     if len(distinct) <= clusters:
         return distinct

@@ -1,4 +1,4 @@
-"""The independent coupling: row i of the noise meets row i of the data."""
+"""The independent coupling: row i of the noise is paired with row i of the data."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,16 @@ from cotlearn.couplings.base import Coupling, Match
 
 @dataclass(repr=False)
 class Independent(Coupling):
-    """Conditional flow matching's coupling: no cost, i = j (Lipman 2210.02747, Liu 2209.03003).
+    """Row i with row i, as in conditional flow matching (Lipman 2210.02747, Liu 2209.03003).
 
-    Noise never depends on the condition, so there is no skew; but paths cross, so one step is bad.
+    Noise is independent of the condition, so the prior is not skewed; but paths cross, so one-step
+    samples are poor.
     """
 
     name = "independent"
     solves = False
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
-        """Row i meets row i."""
+        """Pair row i with row i."""
         rows = np.arange(len(x0))
         return Match(rows, rows)

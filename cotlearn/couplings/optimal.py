@@ -1,4 +1,4 @@
-"""Minibatch optimal transport: noise meets near data, whatever the condition."""
+"""Minibatch optimal transport: noise is paired with near data, whatever the condition."""
 
 from dataclasses import dataclass
 
@@ -17,18 +17,18 @@ SAMPLINGS = ("permutation", "replacement")
 class MinibatchOT(Coupling):
     """OT-CFM: the plan of a batch for the cost |x0 - x1|^2 (Tong 2302.00482, Pooladian 2304.14772).
 
-    It never looks at c. Without a condition that is what one wants; with one it is the *naive*
+    It ignores c. That is right for data without a condition; with a condition it is the *naive*
     coupling, because p(x0 | c) in training is no longer the prior.
 
     Args:
         plan: "exact" (an assignment) or "sinkhorn" (entropic).
         sampling: "permutation" uses every row exactly once; for Sinkhorn it is the permutation
             with the largest sum of plan entries. "replacement" draws B pairs from the plan, as
-            torchcfm does, which misses about a share 1/e of the data in each batch.
+            torchcfm does, and misses about a share 1/e of the data in each batch.
         regularization: of Sinkhorn, above 0, in units of the batch's mean cost.
 
     Raises:
-        ValueError: an unknown plan or sampling, or a regularization that is not above 0.
+        ValueError: plan or sampling is unknown, or regularization is not above 0.
     """
 
     plan: str = "exact"

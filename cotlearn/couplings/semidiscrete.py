@@ -1,4 +1,4 @@
-"""Conditional semidiscrete OT: the noise is continuous, the target is the whole data set."""
+"""Conditional semidiscrete OT from continuous noise to the whole data set."""
 
 from __future__ import annotations
 
@@ -17,54 +17,53 @@ from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.progress import progress_bar
 from cotlearn.validation import check_condition, check_count, check_matrix, check_number
 
-UNCONVERGED = 0.1  #: marginal error above its floor that is worth a warning
-DRAWS_PER_ROW = 200  #: noise rows that a fit draws for each row of the data
-FEWEST_STEPS = 500  #: of a fit to few rows
-LARGEST_SEARCH = 1e11  #: heights that a fit looks at by default, at most
-FIRST_STEP, LAST_STEP = 0.05, 0.1  #: of the spread of costs, and of the costs between neighbours
-HEIGHTS_AT_ONCE, POINTS_AT_ONCE = 300_000, 4096  #: what the processor's cache holds
-AVERAGED = 0.3  #: the last share of the steps, whose mean is the potential
+UNCONVERGED = 0.1  #: excess of the marginal error over its floor that causes a warning
+DRAWS_PER_ROW = 200  #: noise rows that a fit draws for each data row
+FEWEST_STEPS = 500  #: least number of steps of a fit, for small data sets
+LARGEST_SEARCH = 1e11  #: most costs that a fit evaluates by default
+FIRST_STEP, LAST_STEP = 0.05, 0.1  #: shares of the spread of costs and of neighbours' costs
+HEIGHTS_AT_ONCE, POINTS_AT_ONCE = 300_000, 4096  #: block sizes that fit the processor's cache
+AVERAGED = 0.3  #: share of the steps, at the end, over which the potential is averaged
 
 
 @dataclass(repr=False)
 class SemidiscreteOT(Coupling):
-    """Noise (x0, c0) meets row argmin_j |x0 - x1_j|^2 + w |c0 - c_j|^2 - phi_j of all the data.
+    """Pairs (x0, c0) with data row argmin_j |x0 - x1_j|^2 + w |c0 - c_j|^2 - phi_j.
 
-    The dual potential phi is fitted once, by averaged stochastic gradient ascent of the
-    semidiscrete dual (Genevay 1605.08527): a row that is chosen more often than 1/N costs more.
-    Pairing is then a search, and no batch limits the candidates. This project's own: semidiscrete
-    flow matching (2509.25519) has no condition term.
+    The dual potential phi is fitted once, by averaged stochastic gradient ascent on the
+    semidiscrete dual (Genevay 1605.08527): choosing a row more often than 1/N makes it costlier.
+    Pairing is then a search over all the data, so that no batch limits the candidates. The
+    condition term is this project's own: semidiscrete flow matching (2509.25519) has none.
 
-    How long to fit. From M draws no method can know the marginal better than to about
-    0.4 sqrt(N/M), so the default is M = 200 N, and fewer only where that would look at more than
-    1e11 heights (N/K for each draw; minutes). The step falls geometrically, from a share of the
-    spread of all costs to a share of the costs between neighbouring rows, because a single draw
-    must at first carry a row far and in the end not past its neighbours; the last 30 % of the
-    steps are averaged.
+    Length of the fit. From M draws no method can estimate the marginal better than to about
+    0.4 sqrt(N/M), so the default is M = 200 N draws, but at most 1e11 cost evaluations (N/K for
+    each draw; minutes). The step size falls geometrically from a share of the spread of all costs
+    to a share of the costs between neighbouring rows: early draws must move a potential far, late
+    draws not past its neighbours. The last 30 % of the steps are averaged.
 
-    The data of a stream are finite: `.x1`, `.c` and `len`.
+    A stream needs finite data with `.x1`, `.c` and `len`.
 
-    Measured as the excess sqrt(marginal_error^2 - marginal_floor^2), with the CPU seconds of the
-    fit: N = 1e3 in 2 to 32 dimensions .05 to .06 (1 s); the digits, 64 dimensions, .05 (4 s);
+    Measured excess sqrt(marginal_error^2 - marginal_floor^2), with the CPU seconds of the fit:
+    N = 1e3 in 2 to 32 dimensions .05 to .06 (1 s); the digits, 64 dimensions, .05 (4 s);
     N = 1e4 in 2 dimensions .06 to .07 (25 to 29 s); N = 2e4 in 2 clusters .09, in 64 clusters .06;
-    N = 1e5 in 64 clusters, 2 dimensions .09 (a step now takes 10 ms, in 32 dimensions 20 ms, and
-    there are 6,400). Larger N without clusters, or in many dimensions, was not measured.
+    N = 1e5 in 64 clusters, 2 dimensions .09 (6,400 steps of 10 ms each, or 20 ms in 32 dimensions).
+    Larger N without clusters, or in many dimensions, was not measured.
 
     Args:
         condition_weight: w, at least 0.
-        clusters: K; None for none. With clusters noise and data meet only within their condition
-            cluster (w still counts inside), and a search looks at N/K rows instead of N.
-        iterations: steps of the ascent, at least 1, each of N/32 noise rows (but 64 to 4,096); by
-            default enough for 200 draws a row.
+        clusters: K, or None. Noise and data are then paired only within their condition cluster (w
+            still counts inside), and a search evaluates N/K rows instead of N.
+        iterations: steps of the ascent, at least 1, each on N/32 noise rows (at least 64, at most
+            4,096); if None, enough for 200 draws per data row.
 
     Attributes:
-        marginal_error: the total variation distance in [0, 1] between how often the rows are
-            chosen and 1/N each, on fresh noise; NaN before the fit.
-        marginal_floor: what as many draws from the exact marginal show.
+        marginal_error: total variation distance, in [0, 1], between the frequencies with which rows
+            are chosen on fresh noise and the uniform 1/N; NaN before the fit.
+        marginal_floor: the same distance for equally many draws from the uniform marginal.
 
     Raises:
-        TypeError: the data are endless, or c is missing where needed.
-        ValueError: an option out of range.
+        TypeError: the data are endless, or c is None but needed.
+        ValueError: an option is out of range.
     """
 
     condition_weight: float = 0.0
@@ -83,8 +82,8 @@ class SemidiscreteOT(Coupling):
                 check_count(getattr(self, name), name)
         self.needs_condition = bool(self.condition_weight or self.clusters)
         self.marginal_error = self.marginal_floor = math.nan
-        self._points: _Points | None = None  # of the data it was fitted to
-        self._source: tuple[Source | None, ...] = ()  # the noise of the fit, where it is known
+        self._points: _Points | None = None  # the data that phi was fitted to
+        self._source: tuple[Source | None, ...] = ()  # the noise of the fit, if it is known
 
     def fit(
         self,
@@ -94,13 +93,16 @@ class SemidiscreteOT(Coupling):
         source: Source | None = None,
         progress: bool | None = None,
     ) -> SemidiscreteOT:
-        """Fit the potential on the data set x1 (N, d), c (N, k).
+        """Fit the potential to a data set.
 
         Args:
-            x1: the whole data set.
-            c: its conditions; needed unless w is 0 and there are no clusters.
+            x1: (N, d), the whole data set.
+            c: (N, k), its conditions; may be None if w is 0 and there are no clusters.
             source: draws the noise; standard normal if None.
-            progress: show a bar; None: in terminals and notebooks.
+            progress: show a progress bar; if None, in terminals and notebooks.
+
+        Returns:
+            This coupling. It warns (RuntimeWarning) if the potential has not converged.
         """
         check_matrix(x1, "x1")
         self._check_condition(c, x1, "x1")
@@ -108,7 +110,7 @@ class SemidiscreteOT(Coupling):
         n = len(x1)
         iterations, batch_size = _effort([len(group) for group in points.groups])
         iterations = self.iterations or iterations
-        few = min(1.0, n / batch_size)  # rows that are chosen several times in one step
+        few = min(1.0, n / batch_size)  # below 1 if a step chooses each row several times
         first, last = (few * step for step in self._steps(points, source))
         average = points.phi
         with progress_bar(total=iterations, what="potentials", show=progress) as bar:
@@ -133,7 +135,7 @@ class SemidiscreteOT(Coupling):
         return self
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
-        """Rows of the cluster in all the data, with a weight those of near conditions only."""
+        """Data rows in the cluster; with a condition weight, only those with near conditions."""
         if self._points is None:
             return 1.0
         sizes = torch.tensor([float(len(group)) for group in self._points.groups])
@@ -144,10 +146,10 @@ class SemidiscreteOT(Coupling):
         return float((sizes**2).sum() / sizes.sum() * near.double().mean())
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
-        """Search the batch's own rows, to which the potential is fitted if it is not yet.
+        """Pair within the batch, to which the potential is fitted unless it was before.
 
-        Row i of the noise has the condition of row i. Rows can be chosen more than once: use
-        `stream` with the whole data set for training.
+        Row i of the noise has the condition of row i. Rows can be chosen more than once: for
+        training use `stream` with the whole data set.
         """
         if self._points is None or not self._points.are(x1, c):
             self.fit(x1, c, progress=False)
@@ -156,20 +158,20 @@ class SemidiscreteOT(Coupling):
         return Match(rows.numpy(), chosen.numpy())
 
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
-        """Fit the potential, unless it is fitted to these data and this noise."""
+        """Fit the potential unless it was fitted to these data and this noise."""
         self._check_finite(data)
         fitted = self._points is not None and self._points.are(data.x1, data.c)
         if not fitted or self._source not in ((), (source,)):
             self.fit(data.x1, data.c, source=source)
 
     def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
-        """Fresh noise, with a condition drawn from the data, and what it meets."""
+        """Draw noise, each row with the condition of a random data row, and pair it."""
         x0, chosen = cast(_Points, self._points).draw(n, source, generator)
         c = None if data.c is None else data.c[chosen]
         return Pairs(x0.to(data.x1.dtype), data.x1[chosen], c, torch.arange(n), chosen)
 
     def _steps(self, points: _Points, source: Source | None) -> tuple[float, float]:
-        """By how much one draw lowers the potential of the row it chose: at first, and at last."""
+        """First and last step size: how far one draw lowers the potential of the chosen row."""
         rng = generator_for(0, 0, purpose=5)
         x1 = points.x1[torch.randint(len(points.x1), (256,), generator=rng)]
         cost = torch.cdist(draw_noise(x1, source, rng), x1).square()
@@ -177,7 +179,7 @@ class SemidiscreteOT(Coupling):
         warn_if_imprecise(float(cost.mean()), largest, 1, self.condition_weight)
         first = FIRST_STEP * float(cost.std())
         if not first > 0:
-            return 1.0, 1.0  # all costs are equal, and so is what is chosen
+            return 1.0, 1.0  # all costs are equal: any step size will do
         x0 = draw_noise(points.x1, source, rng)
         gaps = [points.gap(x, rng) for x in (x0, points.x1)]
         last = LAST_STEP * math.prod(gaps)
@@ -197,7 +199,7 @@ class SemidiscreteOT(Coupling):
         return float(error), float(floor)
 
     def state_dict(self) -> dict[str, Tensor]:
-        """The potential, with which a resumed training need not fit again."""
+        """The fitted potential and its data, so that resumed training need not fit again."""
         points = self._points
         if points is None:
             return {}
@@ -206,7 +208,7 @@ class SemidiscreteOT(Coupling):
         return {**state, "c": points.c} if points.c.numel() else state
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Take back what `state_dict` gave."""
+        """Restore the state that `state_dict` returned."""
         if state:
             self._points = _Points(self, state["x1"], state.get("c"))
             self._points.phi, self._source = state["phi"], ()
@@ -214,12 +216,12 @@ class SemidiscreteOT(Coupling):
 
 
 class _Points:
-    """The data set as the search sees it: rows (x1, sqrt(w) c) in float64, by cluster.
+    """The data set in the form that is searched: rows (x1, sqrt(w) c) in float64, by cluster.
 
     Attributes:
         x1: (N, d), float32.
-        c: (N, k), float32; k is 0 without conditions.
-        scaled_c: (N, k), sqrt(w) c about its mean, float64; k is 0 where w is.
+        c: (N, k), float32; k = 0 without conditions.
+        scaled_c: (N, k), sqrt(w) (c - mean of c), float64; k = 0 if w = 0.
         groups: the rows of each cluster.
         phi: (N,), the dual potential.
     """
@@ -247,17 +249,17 @@ class _Points:
         return torch.equal(self.x1, x1.to(self.x1)) and torch.equal(self.c, c.to(self.c))
 
     def features(self, x: Tensor, own: Tensor) -> Tensor:
-        """(x, sqrt(w) c[own]), whose squared distance is the cost; float64, as w may be large."""
+        """(x, sqrt(w) c[own]): its squared distance is the cost; float64, as w may be large."""
         return torch.cat([x.double(), self.scaled_c[own]], dim=1)
 
     def draw(self, n: int, source: Source | None, rng: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Fresh noise (n, d), each with the condition of a random row, and the rows it meets."""
+        """Draw noise (n, d) with the conditions of random rows, and find its data rows (n,)."""
         own = torch.randint(len(self.x1), (n,), generator=rng)
         x0 = draw_noise(self.x1[own], source, rng)
         return x0, self.search(x0, own)
 
     def search(self, x0: Tensor, own: Tensor) -> Tensor:
-        """The row of the data that each (x0, c[own]) meets, (n,)."""
+        """The data row that each (x0, c[own]) is paired with, (n,)."""
         queries, label = self.features(x0, own), self.label[own]
         counts = torch.bincount(label, minlength=len(self.groups)).tolist()
         chosen = torch.empty(len(x0), dtype=torch.long)
@@ -269,21 +271,21 @@ class _Points:
         return chosen
 
     def gap(self, x: Tensor, rng: torch.Generator) -> float:
-        """The median distance of some 256 rows (x, c) to their nearest other of the cluster."""
+        """Median distance of about 256 rows (x, c) to the nearest other row of their cluster."""
         features, gaps = self.features(x, torch.arange(len(x))), []
         for group in self.groups:
             some = torch.randperm(len(group), generator=rng)[: 1 + 256 // len(self.groups)]
             distance = torch.cdist(features[group[some]], features[group])
-            distance[distance <= 0] = math.inf  # itself, and its duplicates
+            distance[distance <= 0] = math.inf  # the row itself and its duplicates
             gaps.append(distance.min(dim=1).values)
         return float(torch.cat(gaps).median())
 
 
 def _effort(sizes: list[int]) -> tuple[int, int]:
-    """Steps of a fit by default, and the noise rows of each, for clusters of these sizes."""
+    """Default number of steps of a fit and noise rows per step, for clusters of these sizes."""
     n = sum(sizes)
     batch_size = min(max(n // 32, 64), 4096)
-    searched = sum(size**2 for size in sizes) / n  # rows, for one draw
+    searched = sum(size**2 for size in sizes) / n  # data rows that one draw evaluates, on average
     draws = max(DRAWS_PER_ROW * n, FEWEST_STEPS * batch_size)
     return math.ceil(min(draws, int(LARGEST_SEARCH / searched)) / batch_size), batch_size
 

@@ -16,34 +16,34 @@ from cotlearn.validation import check_count
 
 Array = NDArray[Any]
 
-LARGEST_SOLVE = 4096  #: an exact assignment of so many rows takes seconds and 0.3 GB
+LARGEST_SOLVE = 4096  #: most rows of an assignment, which then takes seconds and 0.3 GB
 
 
 @dataclass(repr=False)
 class StratifiedOT(Coupling):
-    """Fresh noise for the whole data set, split by condition cluster, one exact plan per cluster.
+    """Draws fresh noise for the whole data set and computes one exact plan per condition cluster.
 
-    Each noise row chooses among the N/K rows of its cluster instead of the 1 + (B - 1)/K of a
-    minibatch, every row of the data is used once an epoch, and p(x0 | cluster) is exactly the
-    prior. Inside a cluster x0 still depends on c: finer clusters leave less of that, larger ones
-    straighten more. This project's own form of conditional OT.
+    Each noise row has the N/K rows of its cluster as candidates, instead of the 1 + (B - 1)/K of a
+    minibatch. Every data row is used once per epoch, and p(x0 | cluster) is exactly the prior.
+    Inside a cluster x0 still depends on c: smaller clusters reduce this dependence, larger ones
+    straighten more. This form of conditional OT is this project's own.
 
-    The data of a stream are finite (`.x1`, `.c` and `len`), or endless with n_samples.
+    A stream needs finite data (`.x1`, `.c` and `len`), or n_samples.
 
     Args:
-        clusters: K clusters by k-means on the standardised conditions, fitted anew to the data of
-            each stream; a fitted or unfitted `KMeansCondition`, `PCAKMeansCondition` or
-            `EmbeddedClusters`;
-            or None: one per distinct condition.
+        clusters: K, for k-means on the standardised conditions, fitted anew to the data of each
+            stream; or a `KMeansCondition`, `PCAKMeansCondition` or `EmbeddedClusters`, fitted or
+            not; or None, for one cluster per distinct condition.
         residual: pair x0 with the residuals of a linear regression of x1 on c in the cluster. Where
-            x1 follows c inside a cluster, x0 would follow it, too; the residual does not, and
-            straightens as much. Which rows meet changes, x1 itself does not.
-        rows_per_solve: larger clusters are cut at random into parts of at most this many rows.
-        n_samples: rows of an epoch for endless samplers, drawn afresh each epoch.
+            x1 depends linearly on c inside a cluster, x0 then does not, and paths are straightened
+            as much. This changes which rows are paired, not x1 itself.
+        rows_per_solve: larger clusters are cut at random into parts of at most this many rows, from
+            2 to 4,096.
+        n_samples: rows of an epoch that are drawn anew each time, for endless data.
 
     Raises:
         TypeError: the data are endless and n_samples is None, or there is no condition.
-        ValueError: more clusters than rows.
+        ValueError: there are more clusters than rows, or rows_per_solve is out of range.
     """
 
     clusters: Any = None  # int | Clusters | None
@@ -77,7 +77,7 @@ class StratifiedOT(Coupling):
         return Match(np.arange(len(x0)), target)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
-        """Rows of the cluster, or of its part that is solved at once, in the last epoch paired."""
+        """Rows that were assigned together in the last epoch: a cluster or a part of it."""
         if self._last.value is None:
             return 1.0
         _, sizes = np.unique(self._last.value[0], return_counts=True)
@@ -85,7 +85,7 @@ class StratifiedOT(Coupling):
         return float(np.average(solved, weights=sizes))
 
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
-        """Fit the clusters on the training conditions; those that came fitted are kept."""
+        """Fit the clusters to the training conditions; clusters that came fitted are kept."""
         if self.clusters is None or (self.clusters.state_dict() and not self._refit):
             return
         _, c = self.draw(data, self.n_samples or 0, generator)
@@ -94,19 +94,19 @@ class StratifiedOT(Coupling):
             self._last = Last()
 
     def epoch_rows(self, data: Any) -> int:
-        """Rows that are paired at once: the data set, or n_samples."""
+        """Rows that are paired at once: all the data, or n_samples."""
         if self.n_samples is None:
             self._check_finite(data)
         return self.n_samples or len(data)
 
     def draw(self, data: Any, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor | None]:
-        """All the data, or n_samples of them."""
+        """All the data, or n_samples fresh rows."""
         if self.n_samples is None:
             return data.x1, data.c
         return super().draw(data, n, generator)
 
     def _clustered(self, x1: Tensor, c: Tensor) -> tuple[Array, Tensor]:
-        """The cluster of each row, (N,), and what is paired: x1, or its residuals, (N, d)."""
+        """The cluster of each row, (N,), and x1 or its residuals, (N, d)."""
         if self.clusters is None:
             label = torch.unique(c, dim=0, return_inverse=True)[1]
         else:
@@ -123,7 +123,7 @@ class StratifiedOT(Coupling):
         return numbers, torch.from_numpy(left).to(x1)
 
     def _solves(self, label: Array, rng: np.random.Generator) -> Iterator[Array]:
-        """The rows of each assignment: clusters, the large ones cut up evenly at random."""
+        """The rows of each assignment: clusters, the large ones cut evenly at random."""
         for rows in _groups(rng.permutation(len(label)), label):
             yield from np.array_split(rows, -(-len(rows) // self.rows_per_solve))
 
@@ -132,14 +132,14 @@ class StratifiedOT(Coupling):
         return {} if self.clusters is None else self.clusters.state_dict()
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Take back what `state_dict` gave."""
+        """Restore the state that `state_dict` returned."""
         if self.clusters is not None and state:
             self.clusters.load_state_dict(state)
             self._refit, self._last = False, Last()
 
 
 def _groups(rows: Array, label: Array) -> list[Array]:
-    """The rows of each label, in the order in which they are given."""
+    """The rows of each label, in the given order."""
     by_label = rows[np.argsort(label[rows], kind="stable")]
     return np.split(by_label, np.flatnonzero(np.diff(label[by_label])) + 1)
 
@@ -147,8 +147,9 @@ def _groups(rows: Array, label: Array) -> list[Array]:
 def residuals(y: Array, z: Array) -> Array:
     """Residuals (n, d) of a linear regression of values y (n, d) on conditions z (n, k).
 
-    With an intercept, each condition scaled to unit variance, and a ridge of 1, which is little
-    for more rows than conditions and keeps fewer rows from being fitted exactly.
+    The regression has an intercept, conditions scaled to unit variance, and a ridge penalty of 1,
+    which is small if there are more rows than conditions and prevents an exact fit if there are
+    fewer.
     """
     y, z = y - y.mean(axis=0), z - z.mean(axis=0)
     spread = z.std(axis=0)

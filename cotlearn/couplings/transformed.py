@@ -1,4 +1,4 @@
-"""Pair data as they look from their condition: in its frame, or about its conditional mean."""
+"""Couplings of transformed data: in a frame given by the condition, or as residuals."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,37 +13,38 @@ from cotlearn.couplings.base import Coupling, Last, Match, Pairs, WithOptions, c
 Transform = Callable[[Tensor, Tensor], Tensor]
 OfCondition = Callable[[Tensor], Tensor]
 
-# What `Transformed` takes from the coupling inside.
+# Attributes that `Transformed` takes from the inner coupling.
 FLAGS = ("name", "solves", "uses_ot_batch", "whole_data")
 METHODS = ("prepare", "epoch_rows", "draw", "state_dict", "load_state_dict")
 
 
 @dataclass(repr=False)
 class Transformed(Coupling):
-    """Any coupling, which pairs forward(x1, c) in the place of x1. Which rows meet changes, x1 not.
+    """Pairs noise with forward(x1, c) instead of x1. This changes which rows are paired, not x1.
 
-    What of the data depends on c a coupling may hand to the noise, which then tells the condition.
-    A transform that removes a part of that dependence leaves less to hand on. If forward(x1, c)
-    does not depend on c at all, even naive OT leaves the prior as it is, and each row can choose
-    from the whole batch, instead of from the few rows whose condition is near.
+    If x1 depends on c, a coupling can make x0 depend on c as well. A transform that removes part of
+    the dependence of x1 on c reduces this prior skew. If forward(x1, c) does not depend on c at
+    all, even naive OT keeps the prior, and each noise row has the whole batch as candidates instead
+    of the few rows with a near condition.
 
-    - A frame. Where the condition holds a direction, say of an object that is to be pushed, the
-      data turn with it. Give the turn into that frame, and its inverse: noise is drawn in the
-      frame, paired there, and turned back with its data. For x0 given c to stay the prior both
-      must be orthogonal for every c (a rotation, a reflection, a permutation of columns), and the
-      noise standard normal or otherwise invariant to them.
+    - A frame. If the condition holds a direction, say of an object to push, the data rotate with
+      it. Give the rotation into that frame and its inverse: noise is drawn and paired in the frame,
+      then rotated back. For p(x0 | c) to stay the prior, both must be orthogonal for every c (a
+      rotation, a reflection, a permutation of columns), and the noise must be invariant to them,
+      as standard normal noise is.
     - A conditional mean: see `centred`.
 
     Args:
-        coupling: that pairs; `name`, flags and state of this one are its own. Not one that asks
-            a network or a teacher, which know x as it is, nor one that keeps the source's label.
-        forward: (x1, c) -> what is paired, both (B, d).
-        inverse: (x0, c) -> x0, the noise (B, d) out of the frame; None: noise stays as it is.
+        coupling: the inner coupling; its `name`, flags and state are used. It must not use a
+            network or a teacher, which expect the original x, nor label pairs by their source.
+        forward: maps x1 (B, d) and c (B, k) to the values that are paired, (B, d).
+        inverse: maps noise (B, d) and c from the frame back; if None, noise is not transformed.
 
     Raises:
-        TypeError: not a coupling, or no functions; in use: data without a condition.
-        ValueError: a coupling that cannot be wrapped; in use: values that are not finite or of
-            another shape, or lengths that change though there is an inverse.
+        TypeError: coupling is not a `Coupling`, or forward or inverse is not callable; when
+            pairing, c is None.
+        ValueError: the coupling cannot be wrapped; when pairing, transformed values have another
+            shape or are not finite, or there is an inverse and the length of a row changes.
     """
 
     coupling: Coupling
@@ -75,19 +76,19 @@ class Transformed(Coupling):
         c: Tensor | None = None,
         generator: torch.Generator | None = None,
     ) -> Pairs:
-        """Pair a batch; x0 (B, d) is noise as the coupling inside has it, x1 (B, d) plain data."""
+        """Pair a batch: x0 (B, d) is noise in the frame, x1 (B, d) is untransformed data."""
         pairs = super().__call__(x0, x1, c, generator)
         if self.inverse is None or pairs.c is None:
             return pairs
         return replace(pairs, x0=self._apply("inverse", pairs.x0, pairs.c))
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
-        """As the coupling inside matches noise and transformed data."""
+        """Match noise and transformed data by the inner coupling."""
         seen = self._last(lambda x1, c: self._apply("forward", x1, c), x1, c)
         return self.coupling.match(x0, seen, c, rng)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Any = None) -> float:
-        """Those of the coupling inside, for noise x0 as `stream` gives it."""
+        """The candidates of the inner coupling, for noise x0 as `stream` yields it."""
         noise = x0 if self.inverse is None else self._apply("forward", x0, c)
         return self.coupling.candidates(noise, self._apply("forward", x1, c), c)
 
@@ -109,30 +110,33 @@ class Transformed(Coupling):
 def centred(
     coupling: Coupling, mean: OfCondition, spread: OfCondition | None = None
 ) -> Transformed:
-    """Any coupling, which pairs noise with residuals (x1 - mean(c)) / spread(c).
+    """Make a coupling pair noise with the residuals (x1 - mean(c)) / spread(c).
 
-    In a location-scale family with its true mean and spread the residuals do not depend on c: even
-    naive OT leaves the prior as it is and, as the batch grows, becomes conditional OT itself, for
-    among rows of one condition subtracting a mean, and dividing by one number for all columns, does
-    not change which pairing is the cheapest.
+    In a location-scale family with its true mean and spread, the residuals do not depend on c. Even
+    naive OT then keeps the prior. As the batch grows it becomes conditional OT, because among rows
+    of one condition, neither subtracting a mean nor dividing all columns by one number changes the
+    optimal pairing.
 
-    `StratifiedOT(residual=True)` does this with a linear regression inside each stratum; here the
-    regression is one for all data: take a network like the flow's own, trained before with the
-    mean squared error (`flows.diffusion.predict`). Where it errs, noise follows its error, and a
+    `StratifiedOT(residual=True)` uses a linear regression inside each stratum; `centred` uses one
+    regression for all data. Use a network like the flow's own, trained beforehand with mean squared
+    error (`flows.diffusion.predict`). The noise depends on c through the error of the mean, so a
     poor mean is worse than none: on Push-T a quadratic one, which leaves half of the variance,
-    costs up to .17 of coverage where a network's gains .21 (notebook 08). No number known before
-    training predicted that; `linear_skew` with `cells` at least tells a poor mean from a good one,
-    which by columns and squares it does not. What else depends on c, such as which modes there
-    are, is skewed as before.
+    costs up to .17 of coverage, while a network gains .21 (notebook 08). No number known before
+    training predicted this; `linear_skew` with `cells` at least tells a poor mean from a good one,
+    which it does not with polynomial features. Any other dependence on c, such as the number of
+    modes, is skewed as before.
 
     Args:
-        coupling: that pairs, see `Transformed`.
-        mean: c (B, k) -> the conditional mean of x1, (B, d).
-        spread: c (B, k) -> its standard deviation, positive, (B, 1) or (B, d); None: 1.
+        coupling: the inner coupling, see `Transformed`.
+        mean: maps c (B, k) to the conditional mean of x1, (B, d).
+        spread: maps c (B, k) to a positive standard deviation of x1, (B, 1) or (B, d); 1 if None.
+
+    Returns:
+        A `Transformed` coupling.
 
     Raises:
-        TypeError: not a coupling, or no functions.
-        ValueError: as `Transformed`; in use: a spread that is not positive.
+        TypeError: coupling is not a `Coupling`, or mean or spread is not callable.
+        ValueError: as `Transformed`; when pairing, a spread is not positive.
     """
     for name, function in (("mean", mean), ("spread", spread)):
         if not callable(function) and (name == "mean" or function is not None):
@@ -142,7 +146,7 @@ def centred(
 
 @dataclass(frozen=True, repr=False)
 class Residual(WithOptions):
-    """(x1 - mean(c)) / spread(c): what `centred` pairs."""
+    """(x1 - mean(c)) / spread(c), the values that `centred` pairs."""
 
     mean: OfCondition
     spread: OfCondition | None = None
