@@ -19,7 +19,7 @@ def save_tensors(path: str | Path, tensors: dict[str, Tensor], about: dict[str, 
     """Write named tensors and a JSON-compatible description, atomically."""
     # Clones, because safetensors refuses tensors that share memory, as tied weights do.
     tensors = {name: value.detach().cpu().clone().contiguous() for name, value in tensors.items()}
-    record = json.dumps({"about": about, "sha256": _digest(tensors, about)})
+    record = json.dumps({"about": about, "sha256": digest(tensors, about)})
     with atomic_path(path) as temporary:
         save_file(tensors, temporary, metadata={_KEY: record})
 
@@ -39,7 +39,7 @@ def load_tensors(path: str | Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
             record = json.loads((file.metadata() or {})[_KEY])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         about: dict[str, Any] = record["about"]
-        whole = record["sha256"] == _digest(tensors, about)
+        whole = record["sha256"] == digest(tensors, about)
     except (SafetensorError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is damaged or was not written by cotlearn: {error}") from error
     if not whole:
@@ -47,10 +47,11 @@ def load_tensors(path: str | Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     return tensors, about
 
 
-def _digest(tensors: dict[str, Tensor], about: dict[str, Any]) -> str:
-    digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
+def digest(tensors: dict[str, Tensor], about: dict[str, Any]) -> str:
+    """The SHA-256 of tensors and a JSON-compatible description, in hexadecimal digits."""
+    found = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
     for name in sorted(tensors):
-        value = tensors[name]
-        digest.update(f"{name} {value.dtype} {tuple(value.shape)}".encode())
-        digest.update(value.reshape(-1).view(torch.uint8).numpy().tobytes())
-    return digest.hexdigest()
+        value = tensors[name].detach().cpu().contiguous()
+        found.update(f"{name} {value.dtype} {tuple(value.shape)}".encode())
+        found.update(value.reshape(-1).view(torch.uint8).numpy().tobytes())
+    return found.hexdigest()

@@ -18,6 +18,7 @@ from torch import Tensor, nn
 
 from cotlearn import validation
 from cotlearn.couplings.base import Coupling, Pairs, Sampler, Source, generator_for
+from cotlearn.flows.fingerprint import fingerprint
 from cotlearn.flows.matching import Loss, conditional_flow_matching_loss, weighted_mean
 from cotlearn.flows.prefetch import has_spare_core, prefetch
 from cotlearn.progress import progress_bar
@@ -123,6 +124,8 @@ def fit(
         "data": str(getattr(data, "name", type(data).__name__)),
         "loss": _name(loss),
     }
+    if checkpoint is not None:
+        plan |= fingerprint(network, data, source, loss)
     state = _start(network, coupling, plan)
     if checkpoint is not None and Path(checkpoint).exists():
         _load(checkpoint, state)
@@ -255,9 +258,9 @@ def _load(path: str | Path, state: _State) -> None:
     tensors, about = load_tensors(path)
     then = about.get("plan", {})
     for name, value in state.plan.items():
-        if then.get(name) != value:
+        if then.get(name, value) != value:  # files of older versions say less
             raise ValueError(
-                f"checkpoint {path} is of another training: {name} was {then.get(name)!r}, now it "
+                f"checkpoint {path} is of another training: {name} was {then[name]!r}, now it "
                 f"is {value!r}; give another path, or delete the file to start again"
             )
 

@@ -14,8 +14,8 @@ import torch
 from torch import nn
 
 from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT, Pairs
-from cotlearn.datasets import unconditional
-from cotlearn.flows import VelocityMLP, conditional_flow_matching_loss, fit, integrate
+from cotlearn.datasets import Dataset, unconditional
+from cotlearn.flows import FlowMatching, VelocityMLP, conditional_flow_matching_loss, fit, integrate
 from cotlearn.flows.training import FitResult
 from cotlearn.metrics import squared_w2
 from cotlearn.mixtures import moving_modes, petals
@@ -257,7 +257,7 @@ def test_the_coupling_sees_the_averaged_network_before_each_step():
 
 
 @pytest.mark.parametrize("ot_batch_size", [16, 64])
-@pytest.mark.parametrize("at", [1, 3, 5])
+@pytest.mark.parametrize("at", [2, 4, 6])  # the first call takes a fingerprint of the data
 def test_ctrl_c_leaves_a_checkpoint_that_resumes_to_the_same_result(tmp_path, at, ot_batch_size):
     path = tmp_path / "run.safetensors"
     options = {"ot_batch_size": ot_batch_size, "checkpoint": path}
@@ -466,6 +466,20 @@ def test_a_truncated_checkpoint_is_found(tmp_path, finished, share):
         train(checkpoint=path)
 
 
+def test_a_checkpoint_knows_what_a_loss_does(tmp_path):
+    def scaled(factor):
+        def loss(network, pairs, generator):
+            return factor * conditional_flow_matching_loss(network, pairs, generator)
+
+        return loss
+
+    path = tmp_path / "run.safetensors"
+    first = train(loss=scaled(2.0), checkpoint=path)
+    assert_same(train(loss=scaled(2.0), checkpoint=path), first)
+    with pytest.raises(ValueError, match="code of loss was"):
+        train(loss=scaled(3.0), checkpoint=path)
+
+
 def test_another_file_is_no_checkpoint(tmp_path):
     path = tmp_path / "notes.txt"
     path.write_text("what I learned")
@@ -488,8 +502,11 @@ def test_another_file_is_no_checkpoint(tmp_path):
         ({"coupling": MinibatchOT(plan="sinkhorn")}, r"coupling was .* now it is .*sinkhorn"),
         ({"data": moving_modes()}, "data was 'petals', now it is 'moving_modes'"),
         ({"loss": lambda *args: None}, "loss was 'conditional_flow_matching_loss', now it is"),
-        ({"net": VelocityMLP(2, 4, width=8)}, "is of another network"),
-        ({"net": VelocityMLP(2, 4, width=16, depth=1)}, "is of another network"),
+        ({"loss": FlowMatching(prediction="data")}, "loss was 'conditional_flow_matching_loss', "),
+        ({"net": VelocityMLP(2, 4, width=8)}, "initial weights was"),
+        ({"net": VelocityMLP(2, 4, width=16, seed=2)}, "initial weights was"),
+        ({"data": Dataset(*petals().sample(99), name="petals")}, "rows of data was"),
+        ({"source": lambda n, generator: torch.zeros(n, 2)}, "source was 'standard normal', now"),
     ],
 )
 def test_a_checkpoint_of_another_training_says_what_differs(tmp_path, finished, change, message):
