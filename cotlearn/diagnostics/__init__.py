@@ -1,4 +1,4 @@
-"""Diagnostics: what a coupling will do to a conditional flow, mostly before any training."""
+"""Diagnostics: how a coupling will affect a conditional flow, mostly before any training."""
 
 from cotlearn.diagnostics.after_training import deployment_gap, error_budget
 from cotlearn.diagnostics.frontier import Frontier, FrontierPoint, frontier

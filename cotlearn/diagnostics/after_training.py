@@ -1,4 +1,4 @@
-"""Diagnostics of a trained network: does test noise cost it anything, and where is its error?"""
+"""Diagnostics of a trained network: the cost of fresh noise, and the sources of its error."""
 
 from dataclasses import dataclass
 
@@ -16,11 +16,11 @@ FINE = 128  #: Euler steps that stand for the exact solution
 
 @dataclass(frozen=True)
 class DeploymentGap:
-    """Error with noise coupled as in training against fresh noise, as squared W2 jointly with c.
+    """Errors with coupled noise, as in training, and with fresh noise; squared W2 jointly with c.
 
     Attributes:
-        coupled: mean error with the coupling's own noise: what training saw.
-        fresh: mean error with fresh noise: what a user gets.
+        coupled: mean error with noise from the coupling, as in training.
+        fresh: mean error with fresh noise, as at test time.
         gap: fresh - coupled; about 0 without prior skew.
         gap_interval: 95 % bootstrap interval over repetitions.
     """
@@ -41,21 +41,25 @@ def deployment_gap(
     repetitions: int = 8,
     seed: int = 0,
 ) -> DeploymentGap:
-    """The same network asked twice: with noise as the coupling pairs it, and with fresh noise.
+    """Compare a network's error with noise from its coupling to its error with fresh noise.
 
-    Both times the samples are compared with fresh data of the same conditions, jointly with c
-    (whose distance weighs 100 times the sample's). The fresh noise is the coupled one, shuffled.
-    Where the data cannot draw x1 given c, or every condition occurs once, they are compared with
-    the x1 of the pairs themselves, and `coupled` is too small by up to a sampling floor.
+    Both samples are compared with fresh data of the same conditions, jointly with c (whose distance
+    weighs 100 times the sample's). The fresh noise is the coupled noise, shuffled. If the data
+    cannot draw x1 given c, or every condition occurs only once, the samples are compared with the
+    x1 of the pairs, and `coupled` is too small by up to the sampling floor.
 
     Args:
-        network: the trained velocity.
-        data: what it was trained on, or held-out data.
-        coupling: what it was trained with.
+        network: the trained velocity field.
+        data: the training data, or held-out data.
+        coupling: the coupling that the network was trained with.
         nfe: Euler steps.
-        n: pairs of each repetition, at least 100.
+        n: pairs in each repetition, at least 100.
         repetitions: at least 2.
-        seed: of everything.
+        seed: of pairs, noise and bootstrap.
+
+    Raises:
+        TypeError: the data have no condition.
+        ValueError: n or repetitions is too small.
     """
     check_count(n, "n", minimum=100)
     check_count(repetitions, "repetitions", minimum=2)
@@ -67,7 +71,7 @@ def deployment_gap(
             raise TypeError("deployment_gap needs data with a condition c, got None")
         shuffle = torch.randperm(n, generator=generator_for(seed, number, purpose=10))
         truth = pairs.x1
-        if hasattr(data, "sample_given"):  # drawn without looking at the noise of the pairs
+        if hasattr(data, "sample_given"):  # drawn independently of the pairs' noise
             truth = data.sample_given(pairs.c, generator=generator_for(seed, number, purpose=12))
         for k, x0 in enumerate((pairs.x0, pairs.x0[shuffle])):
             made = integrate(network, x0, pairs.c, nfe=nfe).x1
@@ -80,14 +84,14 @@ def deployment_gap(
 
 @dataclass(frozen=True)
 class ErrorBudget:
-    """A squared W2 split into its causes; `total` is their sum.
+    """A squared W2 split into four parts; `total` is their sum.
 
     Attributes:
-        floor: two fresh true samples against each other.
-        coupling: what even the exact field, integrated finely, does wrong (prior skew).
-        discretisation: what few steps of the exact field add.
-        network: what the trained field adds at the same number of steps; can be negative, where
-            its errors undo those of the steps.
+        floor: squared W2 between two fresh samples of the data.
+        coupling: added by the exact field, integrated finely (prior skew).
+        discretisation: added by taking only `nfe` steps of the exact field.
+        network: added by the trained field at the same number of steps; negative if its errors
+            cancel discretisation errors.
     """
 
     floor: float
@@ -110,16 +114,16 @@ def error_budget(
     n: int = 1000,
     seed: int = 0,
 ) -> ErrorBudget:
-    """Split the error of a network where the exact field of its coupling is known.
+    """Split the error of a network for a coupling whose exact velocity field is known.
 
     Args:
-        network: the trained velocity.
+        network: the trained velocity field.
         data: has `sample_given` and `conditions`.
-        oracle: the exact velocity of the coupling: `data.velocity` of a mixture for independent
-            pairs, or an `AffineFlow`'s.
+        oracle: the exact velocity field of the coupling: `data.velocity` of a mixture for
+            independent pairs, or `AffineFlow.velocity`.
         nfe: Euler steps of the network.
         n: samples for each condition.
-        seed: the same for all four parts.
+        seed: of all samples.
     """
     check_count(nfe, "nfe")
     size = data.sample_given(data.conditions()[:1]).shape[1]

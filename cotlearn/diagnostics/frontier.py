@@ -1,4 +1,4 @@
-"""The frontier: skew against one-step variance of a coupling, without training a network."""
+"""The frontier: prior skew against one-step variance of couplings, without training a network."""
 
 import math
 import time
@@ -23,8 +23,8 @@ from cotlearn.validation import check_count
 
 Interval = tuple[float, float]
 FEWEST = 200  #: rows of data
-NEIGHBOURS = 10  #: of the estimates of E[x1 | x0, c] and of its variance
-RESAMPLES = 500  #: behind an interval
+NEIGHBOURS = 10  #: for the estimates of E[x1 | x0, c] and Var(x1 | x0, c)
+RESAMPLES = 500  #: of the bootstrap
 
 
 @dataclass(frozen=True)
@@ -32,23 +32,23 @@ class FrontierPoint:
     """One coupling on the frontier.
 
     Attributes:
-        name: the key it was given.
+        name: its key in `frontier(couplings=...)`.
         coupling: `Coupling.name`, for its colour.
-        skew: statistic of `prior_skew`: 0 for none.
-        skew_interval: 95 % Student interval over repetitions. Rows are neighbours of each other:
-            a bootstrap over rows takes them for independent and covered the mean of 60 runs in
-            only 73 to 83 % of the runs on three mixtures; Student's covered it in 90 to 95 %.
-        flagged: the skew is significant.
+        skew: statistic of `prior_skew`; 0 means no skew.
+        skew_interval: 95 % Student interval over repetitions. (A bootstrap over rows ignores that
+            neighbouring rows are dependent: on three mixtures it covered the mean of 60 runs in
+            only 73 to 83 % of the runs, Student's interval in 90 to 95 %.)
+        flagged: whether the skew is significant.
         one_step_variance: E tr Var(x1 | x0, c), by nearest neighbours.
         one_step_variance_interval: 95 % bootstrap interval over rows.
         one_step_error: squared W2 (jointly with c) between E[x1 | x0, c], estimated by nearest
-            neighbours at fresh x0, and held-out data: what a one-step model can be expected to do.
+            neighbours at fresh x0, and held-out data: the expected error of a one-step model.
         candidates: data rows that a noise row can choose from (see `Coupling.candidates`).
         transport_cost: E |x1 - x0|^2.
-        seconds: to make 1,000 pairs.
-        linear_skew: of all pairs that were looked at; None if they are too few for the dimension.
-        scores: (n,) energy score of a probe's one-step samples for each of n held-out rows, the
-            same rows for all couplings (see `one_step_scores`); None unless asked for.
+        seconds: time to make 1,000 pairs.
+        linear_skew: `linear_skew` of all pairs; None if there are too few for the dimension.
+        scores: (n,) energy scores of a probe's one-step samples on n held-out rows, the same rows
+            for all couplings (see `one_step_scores`); None if probe_steps is 0.
     """
 
     name: str
@@ -67,13 +67,13 @@ class FrontierPoint:
 
     @property
     def one_step_score(self) -> float:
-        """The mean of `scores`; nan without them."""
+        """The mean of `scores`; NaN if there are none."""
         return math.nan if self.scores is None else float(self.scores.mean())
 
 
 @dataclass(frozen=True)
 class Frontier:
-    """The points of all couplings, in the order they were given."""
+    """The points of all couplings in the given order; `frontier[name]` looks one up."""
 
     points: tuple[FrontierPoint, ...]
 
@@ -87,7 +87,7 @@ class Frontier:
         for point in self.points:
             if point.name == name:
                 return point
-        raise KeyError(f"no coupling {name!r}; there are {[p.name for p in self.points]}")
+        raise KeyError(f"no coupling {name!r}; expected one of {[p.name for p in self.points]}")
 
 
 def frontier(
@@ -102,23 +102,26 @@ def frontier(
     seed: int = 0,
     progress: bool | None = None,
 ) -> Frontier:
-    """Where each coupling stands between skew and one-step variance, before any training.
+    """Estimate the prior skew and one-step variance of each coupling, before any training.
 
-    Independent pairs have no skew and the largest one-step variance; naive OT the reverse; a
-    conditional coupling trades one for the other by its weight, and more candidates bring the
+    Independent pairs have no skew and the largest one-step variance; naive OT has the opposite. The
+    weight of a conditional coupling trades one for the other, and more candidates move the
     trade-off closer to the origin.
 
     Args:
-        x1: (N, d) the training data, N at least 200.
+        x1: (N, d) training data, N at least 200.
         c: (N, k) their conditions.
         couplings: name -> coupling.
-        batch_size: rows of the OT batch, for those that pair batches.
-        rows: pairs that are looked at, at least 100.
-        repetitions: independent draws of pairs behind the skew and its interval, at least 2.
-        probe_steps: train a small network for so many steps on each coupling's pairs, at t = 0
-            only, and score it on held-out rows: about a second for 500. 0: train nothing.
-        seed: of everything.
-        progress: show a bar; None: in terminals and notebooks.
+        batch_size: rows of an OT batch, for couplings that pair batches.
+        rows: pairs to examine in each repetition, at least 100.
+        repetitions: independent draws of pairs, at least 2.
+        probe_steps: train a small network at t = 0 for this many steps on each coupling's pairs,
+            and score it on held-out rows (500 steps take about a second); 0 trains nothing.
+        seed: of the held-out rows, the pairs and the probe.
+        progress: show a progress bar; if None, in terminals and notebooks.
+
+    Raises:
+        ValueError: too few rows, no couplings, or an option out of range.
     """
     c = skew.check_conditioned(x1, "x1", c)
     if len(x1) < FEWEST:
@@ -153,16 +156,16 @@ def frontier(
 def _draw(
     coupling: Coupling, data: Dataset, batch_size: int, rows: int, seed: int
 ) -> tuple[Pairs, float]:
-    """About `rows` pairs in whole batches, and the seconds of pairing that each took.
+    """Draw about `rows` pairs in whole batches; return them and the seconds per pair.
 
-    Where pairs carry weights, each is kept with a probability proportional to its weight.
+    Pairs with weights are kept with a probability proportional to their weight.
     """
     generator = torch.Generator().manual_seed(seed)
     stream = coupling.stream(data, batch_size=batch_size, generator=generator)
-    next(stream)  # fits clusters and potentials, once
+    next(stream)  # fits clusters and potentials, which is not timed
     wanted = math.ceil(rows / batch_size)
     epoch = max(1, coupling.epoch_rows(data) // batch_size)
-    batches = math.ceil(wanted / epoch) * epoch  # whole epochs: each is paired at one batch
+    batches = math.ceil(wanted / epoch) * epoch  # whole epochs: one batch pays for pairing each
     started = time.perf_counter()
     parts = [next(stream) for _ in range(batches)]
     seconds = (time.perf_counter() - started) / (batches * batch_size)
@@ -175,7 +178,7 @@ def _draw(
 
 
 def _point(draws: Any, test: Dataset, seed: int, **known: Any) -> FrontierPoint:
-    """What several draws of pairs say about a coupling, beside what is known of it."""
+    """Estimate a coupling's `FrontierPoint` from several draws of pairs."""
     skews = [
         skew.prior_skew(pairs.x0, pairs.c, generator=generator_for(seed, number, purpose=7))
         for number, pairs in enumerate(draws)
@@ -202,7 +205,7 @@ def _point(draws: Any, test: Dataset, seed: int, **known: Any) -> FrontierPoint:
 
 
 def _places(pairs: Any, x0: Tensor, c: Tensor) -> NDArray[np.float64]:
-    """Rows (x0, c), noise and condition scaled to the same variance among the pairs."""
+    """Rows (x0, c); noise and condition are scaled to equal variance over the pairs."""
     given = ((x0, pairs.x0), (c, pairs.c))
     return np.hstack([skew.unit_variance(to_numpy(new), to_numpy(old)) for new, old in given])
 
@@ -210,8 +213,13 @@ def _places(pairs: Any, x0: Tensor, c: Tensor) -> NDArray[np.float64]:
 def one_step_error(pairs: Any, test: Any, seed: int = 0) -> float:
     """Squared W2 between E[x1 | x0, c] at fresh noise and held-out x1, jointly with c.
 
-    The conditional mean is what a one-step model learns; it is estimated by the mean over the
-    nearest pairs. At fresh noise a skewed coupling has no near pairs, and pays for it.
+    A one-step model learns this conditional mean; here it is estimated by the mean over the 10
+    nearest pairs. A skewed coupling has no near pairs at fresh noise, which raises its error.
+
+    Args:
+        pairs: `Pairs` of a coupling, with conditions.
+        test: held-out `Dataset`; at most 1,000 rows are used.
+        seed: of the rows and the fresh noise.
     """
     rng = generator_for(seed, 0, purpose=8)
     rows = torch.randperm(len(test), generator=rng)[:1000]

@@ -1,4 +1,4 @@
-"""The first Euler step, learned in a second: what a one-step model would make of these pairs."""
+"""A probe: learn one Euler step from some pairs in a second, and score its samples."""
 
 from dataclasses import replace
 from operator import itemgetter
@@ -14,25 +14,25 @@ from cotlearn.flows.training import fit
 from cotlearn.metrics import energy_scores
 
 WIDTH, DEPTH, BATCH = 128, 2, 256  #: of the probe
-DRAWS, MOST_ROWS = 8, 1000  #: samples for each held-out condition, and such conditions
+DRAWS, MOST_ROWS = 8, 1000  #: samples for each held-out row; most held-out rows
 
 
 def one_step_scores(pairs: Any, test: Any, *, steps: int = 500, seed: int = 0) -> Tensor:
-    """Energy score of one-step samples for each held-out row; small is good.
+    """Energy score of one-step samples for each held-out row; lower is better.
 
-    One Euler step says x0 + v(0, x0, c), and the best v there is E[x1 - x0 | x0, c]. A small
-    network learns just that from the pairs, which takes about a second and, unlike nearest
-    neighbours, needs no near rows: it also works in dozens of dimensions. It is then asked as a
-    user would, with fresh noise at conditions that it has not seen, so that it pays for skew.
+    One Euler step returns x0 + v(0, x0, c), for which E[x1 - x0 | x0, c] is the best v. A small
+    network learns this v from the pairs in about a second. Unlike nearest neighbours it needs no
+    near rows, so it also works in dozens of dimensions. It is then evaluated as at test time, with
+    fresh noise and unseen conditions, so that prior skew worsens its score.
 
     Args:
-        pairs: of the coupling, a few thousand, with conditions.
-        test: held-out data.
-        steps: of training.
+        pairs: `Pairs` of a coupling, a few thousand, with conditions.
+        test: held-out `Dataset`.
+        steps: gradient steps.
         seed: of the network, its training and the noise.
 
     Returns:
-        Scores (n,), of at most 1,000 rows of the held-out data, the same rows for every coupling.
+        Scores (n,) of at most 1,000 held-out rows, the same rows for every coupling.
     """
     scaler = Standardiser.fit(pairs.c)
     shown = replace(pairs, c=scaler(pairs.c))
@@ -52,6 +52,6 @@ def one_step_scores(pairs: Any, test: Any, *, steps: int = 500, seed: int = 0) -
 
 
 def _first_step(network: Any, pairs: Pairs, generator: torch.Generator) -> Tensor:
-    """The squared error of each row at t = 0, (B,)."""
+    """Squared error of the velocity at t = 0 for each row, (B,)."""
     error = network(0.0, pairs.x0, pairs.c) - (pairs.x1 - pairs.x0)
     return error.square().sum(dim=1)

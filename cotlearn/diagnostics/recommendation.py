@@ -1,4 +1,4 @@
-"""Which coupling for these data? Read off the frontier, with the reason in words."""
+"""Recommends a coupling for given data from the frontier, with the reason in words."""
 
 import math
 from dataclasses import dataclass
@@ -13,22 +13,22 @@ from cotlearn.diagnostics.skew import check_conditioned
 from cotlearn.diagnostics.spread import BetweenWithin, between_within
 from cotlearn.validation import check_count
 
-CHANCE = 0.025  #: how often luck alone may recommend a coupling, whatever the number of candidates
-USEFUL = 0.01  #: and the share of their score that it must save
-NARROW = 0.02  #: below this share of variance within conditions there is nothing to straighten
-LABELS_UP_TO = 64  #: so many distinct conditions are treated as labels
-GOOD_STRATUM = 32  #: rows of a cluster that leave enough to choose from
+CHANCE = 0.025  #: probability that chance alone recommends a coupling, over all candidates
+USEFUL = 0.01  #: least improvement, as a share of the score of independent pairs
+NARROW = 0.02  #: share of variance within conditions below which there is nothing to straighten
+LABELS_UP_TO = 64  #: most distinct conditions that are treated as labels
+GOOD_STRATUM = 32  #: rows of a cluster that are enough candidates
 
 
 @dataclass(frozen=True)
 class Recommendation:
-    """A coupling, why, and the evidence.
+    """A recommended coupling, the reason and the evidence.
 
     Attributes:
-        name: its name on the frontier.
-        coupling: ready for `fit`.
+        name: the coupling's name on the frontier.
+        coupling: the coupling, ready for `fit`.
         reason: one paragraph.
-        frontier: all candidates.
+        frontier: the points of all candidates.
         spread: variance between and within conditions.
     """
 
@@ -51,23 +51,26 @@ def recommend(
 ) -> Recommendation:
     """Pick a coupling and its weight for data x1 (N, d) with conditions c (N, k).
 
-    Candidates are independent pairs, naive OT, COT over a range of weights, and stratified OT, with
-    and without residuals. Those with significant skew are out. Of the others the one is taken whose
-    probe (see `one_step_scores`) has the best energy score on held-out rows, if it beats the probe
-    of independent pairs by 1 % and by more than chance; otherwise independent pairs are. Chance is
-    what the best of all candidates reaches in one of 40 trials where none is better (Bonferroni):
-    2.8 standard errors for ten of them.
+    Candidates are independent pairs, naive OT, COT over a range of weights, and stratified OT with
+    and without residuals; candidates with significant skew are excluded. The winner is the one
+    whose probe (see `one_step_scores`) has the best energy score on held-out rows, if it beats the
+    probe of independent pairs by 1 % and by more than chance; otherwise it is independent pairs.
+    Chance is the margin that the best candidate reaches in one of 40 trials when none is better
+    (Bonferroni): 2.8 standard errors for ten candidates.
 
-    The sample's distances count against standard normal noise, so bring x1 to about unit variance.
+    Distances are measured from x1 to standard normal noise, so scale x1 to about unit variance.
 
     Args:
-        x1: the training data, at least 200 rows.
-        c: conditions; standardise or `combine` several first.
+        x1: (N, d), the training data, N at least 200.
+        c: (N, k), conditions; standardise them, or `combine` several, first.
         batch_size: rows of an OT batch.
-        rows: pairs looked at for each candidate, three times.
-        probe_steps: of training each candidate's probe.
-        seed: of everything.
-        progress: show a bar; None: in terminals and notebooks.
+        rows: pairs examined for each candidate in each of three repetitions.
+        probe_steps: gradient steps of each candidate's probe.
+        seed: of the held-out rows, the pairs and the probes.
+        progress: show a progress bar; if None, in terminals and notebooks.
+
+    Raises:
+        ValueError: too few rows, or an option out of range.
     """
     c = check_conditioned(x1, "x1", c)
     check_count(probe_steps, "probe_steps")
@@ -80,11 +83,11 @@ def recommend(
 
 
 def candidates(x1: Tensor, c: Tensor) -> dict[str, Coupling]:
-    """The couplings that `recommend` compares on these data.
+    """The couplings, by name, that `recommend` compares on data x1 (N, d) with conditions c (N, k).
 
-    Weights of COT are multiples of the ratio of sample to condition variance, which makes both
-    terms of the cost equal: 0.1, 1, 10 and 100 times. In many dimensions all conditions are about
-    equally far apart, and the small weights are the useful ones.
+    COT's weights are 0.1, 1, 10 and 100 times the ratio of sample to condition variance, at which
+    both terms of the cost are equal (for labels: 0.1 and 1 times). In many dimensions all
+    conditions are about equally far apart, and the small weights are the useful ones.
     """
     labels = len(torch.unique(c, dim=0)) <= LABELS_UP_TO
     chosen: dict[str, Coupling] = {"independent": Independent(), "naive OT": MinibatchOT()}
@@ -146,19 +149,19 @@ def _choose(found: Frontier, spread: BetweenWithin) -> tuple[FrontierPoint, str]
 
 
 def gain_over(point: FrontierPoint, other: FrontierPoint) -> tuple[float, float]:
-    """By how much a point scores better than another on the same rows, and the standard error.
+    """Mean improvement of a point's scores over another's on the same rows, and its standard error.
 
-    Both have scores: the frontier was asked for `probe_steps`.
+    Both points need `scores`, so the frontier must have been made with probe_steps above 0.
     """
     gain: Any = other.scores - point.scores  # type: ignore[operator]
     return float(gain.mean()), float(gain.std()) / math.sqrt(len(gain))
 
 
 def beyond_chance(point: FrontierPoint, *, of: int) -> float:
-    """Standard errors that the best of so many points reaches by luck with probability `CHANCE`.
+    """Standard errors that the best of `of` points exceeds by chance with probability `CHANCE`.
 
-    Student's quantile for the rows of the point's scores, the level divided by the number of
-    points.
+    This is the quantile of Student's distribution for the point's number of scores, at the level
+    `CHANCE` / `of`.
     """
     rows = len(point.scores)  # type: ignore[arg-type]
     from scipy import stats  # late: it takes a second

@@ -1,4 +1,4 @@
-"""Skew: does the noise of training depend on the condition? Two tests."""
+"""Prior skew: two tests of whether training noise depends on the condition."""
 
 from dataclasses import dataclass
 
@@ -14,20 +14,20 @@ from cotlearn.validation import check_condition, check_count, check_matrix, chec
 
 MINIMUM_ROWS, MOST_ROWS = 100, 4000  #: of a test; more rows are subsampled
 NEIGHBOURS = 5
-RELABELLINGS = 500  #: behind a p-value
-SIGNIFICANCE = 0.01  #: level of a flag
-ROWS_FOR_EACH = 5  #: rows for each feature of c, below which the chi-squared law is poor
+RELABELLINGS = 500  #: random relabellings for a p-value
+SIGNIFICANCE = 0.01  #: largest p-value that is flagged
+ROWS_FOR_EACH = 5  #: least rows per column of x0 and per feature, for the chi-squared law
 
 
 @dataclass(frozen=True)
 class PriorSkew:
-    """Is the noise of training independent of the condition?
+    """Result of `prior_skew`, a test of whether training noise is independent of the condition.
 
     Attributes:
-        statistic: excess share of neighbours of one's own kind, in [-1, 1]; about 0 if x0 and c
-            are independent, towards 1 the more they depend on each other.
+        statistic: excess share of neighbours of the same kind, in [-1, 1]; about 0 if x0 and c are
+            independent, and the larger the more they depend on each other.
         p_value: share of relabelled statistics that are at least as large.
-        flagged: p_value is at most .01: x0 depends on c.
+        flagged: whether p_value is at most .01, so that x0 depends on c.
     """
 
     statistic: float
@@ -38,17 +38,17 @@ class PriorSkew:
 def prior_skew(x0: Tensor, c: Tensor, *, generator: torch.Generator | None = None) -> PriorSkew:
     """Test whether p(x0 | c) is the prior, by nearest neighbours (Schilling 1986, two samples).
 
-    Half of the pairs (x0, c) stay as they are, the other half get each other's conditions. If x0
-    does not depend on c, nobody can tell the halves apart; if it does, pairs lie among pairs and
-    shuffled pairs among shuffled ones. Because only near neighbours count, dependence in any
-    moment is seen: also where E[x0 | c] is zero for every c, as naive OT leaves it on
-    `moving_modes`. Noise and condition weigh the same, each scaled to unit variance. An independent
-    coupling is flagged in one of a hundred tests.
+    Half of the pairs (x0, c) are kept; in the other half the conditions are shuffled. If x0 does
+    not depend on c, the halves cannot be told apart; if it does, the neighbours of a kept pair tend
+    to be kept pairs, and those of a shuffled pair shuffled pairs. The test detects dependence in
+    any moment, even if E[x0 | c] is zero for every c, as with naive OT on `moving_modes`. Noise and
+    condition are scaled to unit variance and count equally. An independent coupling is flagged in
+    one of a hundred tests.
 
     Args:
-        x0: (n, d) noise as it was paired; n at least 100. Take several batches; of more than 4,000
-            rows so many are drawn.
-        c: (n, k) the condition that the network is given with it.
+        x0: (n, d) paired noise, n at least 100, best from several batches. Of more than 4,000 rows,
+            4,000 are drawn.
+        c: (n, k) the condition that the network is given with x0.
         generator: randomness of the halves and of 500 relabellings.
 
     Raises:
@@ -78,7 +78,7 @@ def prior_skew(x0: Tensor, c: Tensor, *, generator: torch.Generator | None = Non
 
 
 def check_conditioned(x: Tensor, name: str, c: Tensor) -> Tensor:
-    """The conditions c as numbers (n, k), if x (n, d) and c are finite and have the same rows."""
+    """Return c (n, k) as floats if x (n, d) and c are finite and have equally many rows."""
     check_matrix(x, name)
     c = check_condition(c)
     check_same_rows(c, "c", x, name)
@@ -88,7 +88,7 @@ def check_conditioned(x: Tensor, name: str, c: Tensor) -> Tensor:
 def unit_variance(
     values: NDArray[np.float64], reference: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Columns scaled so that the squared distances of the reference's rows are 2 on average."""
+    """Scale the columns so that the reference's rows have a mean squared distance of 2."""
     scaler = Standardiser.fit(values if reference is None else reference)
     scaled: NDArray[np.float64] = scaler(values) / np.sqrt(max(1, (scaler.std > 0).sum()))
     return scaled
@@ -96,13 +96,13 @@ def unit_variance(
 
 @dataclass(frozen=True)
 class LinearSkew:
-    """How much of the noise of training is a linear function of the condition's features?
+    """Result of `linear_skew`: the share of training noise that is linear in features of c.
 
     Attributes:
         explained: share of the noise's variance, adjusted for chance: about 0 if x0 and c are
-            independent (a little below as often as above), 1 if the features fix x0.
-        p_value: of no such dependence.
-        flagged: p_value is at most .01.
+            independent (negative as often as positive), 1 if the features determine x0.
+        p_value: of the hypothesis that x0 does not depend linearly on the features.
+        flagged: whether p_value is at most .01.
     """
 
     explained: float
@@ -113,30 +113,32 @@ class LinearSkew:
 def linear_skew(x0: Tensor, c: Tensor, *, degree: int = 1, cells: int | None = None) -> LinearSkew:
     """Test whether the mean of x0 given c is that of the prior, by canonical correlations.
 
-    Pillai's trace V, the sum of the squared canonical correlations of x0 and the features of c,
-    is divided by the d columns of x0: the share of the (whitened) noise's variance that a
-    regression on c explains. Without dependence (n - 1) V has about the chi-squared law with d
-    times p degrees of freedom, p features (Pillai 1955). An independent coupling is flagged in one
-    of a hundred tests.
+    Pillai's trace V is the sum of the squared canonical correlations of x0 and p features of c.
+    V / d is the share of the (whitened) noise's variance that a regression on the features
+    explains. Without dependence, (n - 1) V is approximately chi-squared with d p degrees of
+    freedom (Pillai 1955). An independent coupling is flagged in one of a hundred tests.
 
-    `prior_skew` sees dependence of any kind, but by near neighbours, of which there are none
-    in dozens of dimensions. This sees only the mean of x0, and sees it there: each row helps to
-    estimate one regression. Where E[x0 | c] does not depend on c, as naive OT leaves it on
-    `moving_modes`, it is blind. Ask both.
+    `prior_skew` detects dependence of any kind, but needs near neighbours, which do not exist in
+    dozens of dimensions. `linear_skew` detects only a dependent mean, but also in dozens of
+    dimensions, because every row contributes to one regression. It detects nothing if E[x0 | c]
+    does not depend on c, as with naive OT on `moving_modes`. Use both.
 
-    A polynomial sees no more of E[x0 | c] than polynomials: of pairs that `centred` has made
-    with a polynomial for its mean it finds next to nothing, because that is what was subtracted.
-    There ask for `cells`, which make no assumption about the form.
+    Polynomial features detect only polynomial means: if `centred` subtracted a polynomial, they
+    find next to nothing in its pairs. Use `cells` there, which assume no form.
 
     Args:
-        x0: (n, d) noise as it was paired; n at least 5 times the features. Take tens of thousands.
-        c: (n, k) the condition that the network is given with it.
-        degree: 1 for the k columns of c as features, 2 for their squares and products as well.
-        cells: instead of them, in which of so many k-means cells of c a row lies, at least 2: then
-            it is the share of the noise's variance between cells. 64 are enough to begin with.
+        x0: (n, d) paired noise; n at least 5 times d and 5 times p, best tens of thousands.
+        c: (n, k) the condition that the network is given with x0.
+        degree: 1 takes the k columns of c as features, 2 their squares and products as well.
+        cells: if given, at least 2: the features are instead the k-means cell of c (one-hot), so
+            that V / d is the share of the noise's variance between cells. Start with 64.
+
+    Returns:
+        The explained share, its p-value and whether it is significant.
 
     Raises:
-        ValueError: too few rows, shapes that do not match, or values that are not finite.
+        ValueError: too few rows, degree is not 1 or 2, shapes that do not match, or values that are
+            not finite.
     """
     c = check_conditioned(x0, "x0", c)
     if degree not in (1, 2):
@@ -146,7 +148,7 @@ def linear_skew(x0: Tensor, c: Tensor, *, degree: int = 1, cells: int | None = N
 
         polynomials = PolynomialFeatures(degree, include_bias=False)
         features = polynomials.fit_transform(_standardised(to_numpy(c)))
-    else:  # 1 for the cell of c in which a row lies
+    else:  # one-hot: the cell of each row
         check_count(cells, "cells", minimum=2)
         features = np.eye(cells)[KMeansCondition(min(cells, len(c))).fit(c).labels(c)]
     noise, features = _whitened(to_numpy(x0)), _whitened(features)
@@ -167,12 +169,12 @@ def linear_skew(x0: Tensor, c: Tensor, *, degree: int = 1, cells: int | None = N
 
 
 def enough_rows(x0: Tensor, c: Tensor) -> bool:
-    """Whether `linear_skew` of degree 1 takes so few rows, x0 (n, d) and c (n, k)."""
+    """Whether x0 (n, d) and c (n, k) have enough rows for `linear_skew` of degree 1."""
     return len(x0) >= ROWS_FOR_EACH * max(x0.shape[1], c.shape[1])
 
 
 def _whitened(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Orthonormal columns that span the centred ones; constant and repeated columns drop out."""
+    """Orthonormal columns with the span of the centred columns; dependent columns are dropped."""
     left, size, _ = np.linalg.svd(_standardised(values), full_matrices=False)
     return left[:, size > 1e-6 * size.max(initial=0)]
 

@@ -1,4 +1,4 @@
-"""How much of the data's variance lies between conditions, and how much within."""
+"""Splits the variance of the data into a part between conditions and a part within them."""
 
 from dataclasses import dataclass
 
@@ -18,9 +18,9 @@ class BetweenWithin:
 
     Attributes:
         total: tr Var(x1).
-        within: E tr Var(x1 | c): what a coupling can straighten.
-        between: tr Var(E[x1 | c]), the rest: where naive OT is sure to do harm. It is a warning and
-            no clearance: `moving_modes` has almost none, and naive OT fails there all the same.
+        within: E tr Var(x1 | c), the part that a coupling can straighten.
+        between: tr Var(E[x1 | c]), the part with which naive OT is sure to skew the prior. A small
+            value is no guarantee: `moving_modes` has almost none, and naive OT still fails there.
         between_share: between / total, in [0, 1]; 0 if the data do not vary.
     """
 
@@ -37,14 +37,17 @@ class BetweenWithin:
 def between_within(x1: Tensor, c: Tensor, *, seed: int = 0) -> BetweenWithin:
     """Split the variance of x1 (n, d) by the condition c (n, k).
 
-    Var(x1 | c) is estimated among the 10 rows with the nearest conditions (each column scaled to
-    unit variance), ties in random order, so that labels and numbers are treated alike. Where few
-    rows lie close in c, part of the variance between shows up as within.
+    Var(x1 | c) is estimated from each row and the 10 rows with the nearest conditions (columns
+    scaled to unit variance). Ties are broken at random, so labels and numbers are treated alike.
+    Where few rows have near conditions, part of the variance between conditions counts as within.
 
     Args:
-        x1: data, at least 11 rows; of more than 4,000 so many are drawn.
+        x1: data, at least 11 rows; of more than 4,000 rows, 4,000 are drawn.
         c: conditions.
-        seed: of subsample and ties.
+        seed: of the subsample and the ties.
+
+    Raises:
+        ValueError: too few rows, shapes that do not match, or values that are not finite.
     """
     c = check_conditioned(x1, "x1", c)
     rng = np.random.default_rng(seed)
@@ -53,7 +56,7 @@ def between_within(x1: Tensor, c: Tensor, *, seed: int = 0) -> BetweenWithin:
         raise ValueError(f"x1 needs more than {NEIGHBOURS} rows, got {len(rows)}")
     x = to_numpy(x1)[rows]
     total = float(x.var(axis=0).sum())
-    ties = 1e-6 * rng.random((len(rows), 1))  # or all rows of a label get the same neighbours
+    ties = 1e-6 * rng.random((len(rows), 1))  # else all rows of a label have the same neighbours
     places = np.hstack([unit_variance(to_numpy(c)[rows]), ties])
     within = min(float(local_variance(places, x, NEIGHBOURS).mean()), total)
     return BetweenWithin(total, within, total - within)
@@ -62,7 +65,7 @@ def between_within(x1: Tensor, c: Tensor, *, seed: int = 0) -> BetweenWithin:
 def local_variance(
     places: NDArray[np.float64], values: NDArray[np.float64], neighbours: int
 ) -> NDArray[np.float64]:
-    """tr Var of the values at the nearest places (the place itself included), for each row."""
+    """tr Var of the values (n, d) over each row and its nearest places (n, m), for each row."""
     from sklearn.neighbors import NearestNeighbors  # late: it takes a second
 
     near = NearestNeighbors(n_neighbors=neighbours + 1).fit(places)

@@ -15,12 +15,12 @@ from cotlearn.validation import check_number, check_share
 
 @dataclass(frozen=True)
 class LabelDropout:
-    """`conditional_flow_matching_loss` that hides the condition of a share of the rows.
+    """`conditional_flow_matching_loss` with the condition hidden in a random share of the rows.
 
-    It is hidden after the pairs are made: a conditional coupling still knows it.
+    The condition is hidden after pairing, so a conditional coupling still sees it.
 
     Args:
-        share: of the rows, in [0, 1].
+        share: share of the rows, in [0, 1].
     """
 
     share: float = 0.2
@@ -43,11 +43,11 @@ class LabelDropout:
 class Guided:
     """The velocity v(t, x, 0) + scale (v(t, x, c) - v(t, x, 0)).
 
-    Scale 1 is the conditional velocity, 0 the unconditional one; above 1 samples move away from
-    what is usual without the condition. Each call evaluates the network twice.
+    Scale 1 is the conditional velocity, scale 0 the unconditional one; a scale above 1 moves
+    samples away from the unconditional ones. Each call evaluates the network twice.
 
     Args:
-        velocity: trained with `LabelDropout`.
+        velocity: a velocity field trained with `LabelDropout`.
         scale: at least 0.
     """
 
@@ -59,7 +59,7 @@ class Guided:
 
     @property
     def dim(self) -> int | None:
-        """d, if the velocity says it."""
+        """d, the dimension of x, if the velocity has an attribute `dim`; else None."""
         return getattr(self.velocity, "dim", None)
 
     def __call__(self, t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:

@@ -1,4 +1,4 @@
-"""Velocity networks."""
+"""Velocity networks and an image encoder."""
 
 import contextlib
 import functools
@@ -17,7 +17,7 @@ _GROUPS = 8  #: of the group normalisation, as in Diffusion Policy
 
 
 class _Network(nn.Module):
-    """What all velocity networks share: their sizes, and the form of their inputs."""
+    """Base class of velocity networks: their sizes and the form of their inputs."""
 
     def __init__(self, dim: int, condition_dim: int) -> None:
         super().__init__()
@@ -25,7 +25,7 @@ class _Network(nn.Module):
         self.condition_dim = check_count(condition_dim, "condition_dim", minimum=0)
 
     def _inputs(self, t: Tensor | float, x: Tensor, c: Tensor | None) -> tuple[Tensor, Tensor]:
-        """t as (B,), and c as (B, k), with k = 0 where there is no condition."""
+        """Return t as (B,) and c as (B, k), with k = 0 if there is no condition."""
         time = torch.as_tensor(t, dtype=x.dtype, device=x.device).expand(len(x))
         return time, x[:, :0] if c is None else c.to(x.dtype)
 
@@ -70,9 +70,9 @@ class VelocityMLP(_Network):
 
 
 class TimeFeatures(nn.Module):
-    """Sines and cosines of t at `size` / 2 frequencies, from pi/2 to 250 pi: (B,) -> (B, size).
+    """Sines and cosines of t at `size` / 2 frequencies from pi/2 to 250 pi: (B,) -> (B, size).
 
-    A network that is given t alone can hardly tell neighbouring times apart, such as the 100 noise
+    With t alone as input, a network can hardly tell neighbouring times apart, such as the 100 noise
     levels of a diffusion model.
     """
 
@@ -84,7 +84,7 @@ class TimeFeatures(nn.Module):
         self.register_buffer("frequencies", frequencies, persistent=False)
 
     def forward(self, t: Tensor) -> Tensor:
-        """The features of each time."""
+        """The features (B, size) of times t (B,)."""
         angle = t[:, None] * self.frequencies
         return torch.cat([angle.sin(), angle.cos()], dim=1)
 
@@ -92,14 +92,14 @@ class TimeFeatures(nn.Module):
 class ResidualMLP(_Network):
     """A residual multilayer perceptron for larger problems, 1.3 million weights by default.
 
-    Each block adds W2 silu(W1 norm(h) + U e) to h, where e comes from time and condition.
+    Each block adds W2 silu(W1 norm(h) + U e) to h, where e is an embedding of time and condition.
 
     Args:
         dim: d, columns of x and of the velocity.
         condition_dim: k, columns of c; 0 for no condition (c is then None).
         width: neurons of each layer.
         blocks: residual blocks, two layers each.
-        context: size of e.
+        context: size of the embedding e.
         seed: of the initial weights; torch's global randomness if None.
     """
 
@@ -117,7 +117,7 @@ class ResidualMLP(_Network):
         check_count(width, "width")
         check_count(context, "context")
         self.sizes: dict[str, Any] = {"dim": dim, "condition_dim": condition_dim, "width": width}
-        self.sizes |= {"blocks": blocks, "context": context}  # to make it again from a file
+        self.sizes |= {"blocks": blocks, "context": context}  # to build it again from a file
         self.time = TimeFeatures(_TIME_FEATURES)
         with seeded(seed):
             self.context = nn.Sequential(
@@ -153,10 +153,10 @@ class _ResidualBlock(nn.Module):
 
 
 class TemporalUNet(_Network):
-    """A U-Net over the time steps of a chunk, of the kind of Diffusion Policy's (2303.04137).
+    """A 1D U-Net over the time steps of an action chunk, as in Diffusion Policy (2303.04137).
 
-    x of shape (B, steps * channels) is read as (steps, channels), row after row. Time and
-    condition scale and shift the channels of every block (FiLM).
+    x of shape (B, steps * channels) is reshaped to (B, steps, channels). Time and condition scale
+    and shift the channels of every block (FiLM).
 
     Args:
         steps: time steps of a chunk; a multiple of 2 ** (len(widths) - 1).
@@ -164,7 +164,7 @@ class TemporalUNet(_Network):
         condition_dim: k, columns of c; 0 for no condition.
         widths: channels of each level, each a multiple of 8; time is halved between levels.
         kernel: length of the filters, odd.
-        context: size of what time and condition become.
+        context: size of the embedding of time and condition.
         seed: of the initial weights; torch's global randomness if None.
     """
 
@@ -245,14 +245,15 @@ def _convolution(before: int, after: int, kernel: int) -> nn.Sequential:
 
 
 class SpatialSoftmax(nn.Module):
-    """Where each channel of (B, C, h, w) is strongest: (B, 2 C), x and y from -1 to 1.
+    """Spatial softmax: the mean position of each channel (Levine 1504.00702).
 
-    A softmax makes each channel a distribution over its cells; the result is its mean position,
-    which moves with a feature even by less than a cell (Levine 1504.00702).
+    A softmax turns each channel of (B, C, h, w) into a distribution over its cells. The result
+    (B, 2 C) holds the mean x, then the mean y of all channels, from -1 to 1; it follows a feature
+    with subpixel accuracy.
     """
 
     def forward(self, h: Tensor) -> Tensor:
-        """The mean positions."""
+        """The mean positions (B, 2 C) of h (B, C, h, w)."""
         share = h.flatten(2).softmax(dim=2).view(h.shape)
         down, right = (
             torch.linspace(-1, 1, n, dtype=h.dtype, device=h.device) for n in h.shape[2:]
@@ -261,10 +262,10 @@ class SpatialSoftmax(nn.Module):
 
 
 class ImageEncoder(nn.Module):
-    """Three convolutions with group normalisation and a spatial softmax, for small pictures.
+    """Three convolutions with group normalisation and a spatial softmax, for small images.
 
     Args:
-        features: numbers that a picture becomes.
+        features: size of the output.
         seed: of the initial weights; torch's global randomness if None.
     """
 
@@ -281,13 +282,13 @@ class ImageEncoder(nn.Module):
             self.last = nn.Linear(2 * 64, features)
 
     def forward(self, images: Tensor) -> Tensor:
-        """(B, features) from images (B, 3, height, width), values from -1 to 1."""
+        """Encode images (B, 3, height, width), values from -1 to 1, as (B, features)."""
         return self.last(self.layers(images))
 
 
 @contextlib.contextmanager
 def seeded(seed: int | None) -> Iterator[None]:
-    """Draw from this seed, and leave torch's global randomness as it was."""
+    """Seed torch inside the block and restore its global randomness after; None: do nothing."""
     with torch.random.fork_rng(devices=[], enabled=seed is not None):
         if seed is not None:
             torch.manual_seed(seed)

@@ -13,22 +13,22 @@ AHEAD = 4  #: items that are prepared in advance
 
 
 def has_spare_core() -> bool:
-    """Whether this process may use more cores than torch computes on.
+    """Whether this process may use more cores than torch has threads.
 
-    Where torch computes on all of them, a thread that prepares pairs takes a core away from every
-    step, and all other cores wait for it: on two cores steps took half as long again, against a
-    fifth when pairs were made between the steps.
+    If torch uses all cores, a background thread takes a core from every step, and the other cores
+    wait for it: on two cores a step took 50 % longer, against 20 % if pairs were made between the
+    steps.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return torch.get_num_threads() < (cores or 1)
 
 
 def prefetch(items: Iterator[T]) -> Generator[T, None, None]:
-    """Yield the same items in the same order, computed by one thread up to `AHEAD` in advance.
+    """Yield the same items in the same order; one thread computes up to `AHEAD` in advance.
 
-    The assignment solvers release Python's global lock, so that a second core does them while the
-    first one trains. An error of the iterator is raised where its item would have been. Closing
-    the generator stops the thread.
+    The assignment solvers release Python's global lock, so a second core can run them while the
+    first one trains. An error of the iterator is raised in place of its item. Closing the generator
+    stops the thread.
     """
     end = object()
     worker = ThreadPoolExecutor(1, thread_name_prefix="cotlearn-pairs")

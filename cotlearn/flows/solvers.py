@@ -1,4 +1,4 @@
-"""Solvers of dx/dt = v(t, x, c) from noise (t = 0) to data (t = 1), counting evaluations."""
+"""Solvers of dx/dt = v(t, x, c) from noise (t = 0) to data (t = 1) that count evaluations."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,20 +12,20 @@ from torch import Tensor
 from cotlearn import validation
 from cotlearn.flows.matching import Velocity
 
-TOLERANCE = 1e-4  #: of dopri5, relative and absolute
+TOLERANCE = 1e-4  #: relative and absolute, of dopri5
 
 Field = Callable[[float, Tensor], Tensor]
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Samples and what they cost.
+    """Samples and their cost.
 
     Attributes:
         x1: (B, d), the samples at t = 1.
-        nfe: evaluations of the velocity that were made.
+        nfe: number of evaluations of the velocity.
         times: (T,), from 0 to 1.
-        trajectory: (T, B, d), the states at `times`; None unless asked for.
+        trajectory: (T, B, d), the states at `times`; None unless `integrate` was asked to keep it.
     """
 
     x1: Tensor
@@ -55,7 +55,7 @@ def _rk4(field: Field, t: float, h: float, x: Tensor) -> Tensor:
     return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-#: Each method with the evaluations of a step.
+#: Each method and its evaluations per step.
 _STEPS = {"euler": (_euler, 1), "midpoint": (_midpoint, 2), "heun": (_heun, 2), "rk4": (_rk4, 4)}
 METHODS = (*_STEPS, "dopri5")
 
@@ -70,22 +70,27 @@ def integrate(
     method: str = "euler",
     trajectory: bool = False,
 ) -> Solution:
-    """Carry noise x0 along the velocity to t = 1.
+    """Integrate the velocity field from noise x0 at t = 0 to samples at t = 1.
 
     Args:
-        velocity: called as velocity(t, x, c) with t a scalar tensor.
+        velocity: called as velocity(t, x, c), t a scalar tensor; returns (B, d).
         x0: (B, d), finite.
         c: (B, k), or None.
-        nfe: evaluations of the velocity, for the fixed-step methods: Euler makes nfe steps,
+        nfe: evaluations of the velocity, for the fixed-step methods: Euler takes nfe steps,
             midpoint and Heun nfe / 2, the classical Runge-Kutta method nfe / 4.
         method: "euler", "midpoint", "heun", "rk4"; or "dopri5", adaptive (SciPy's RK45), which
-            chooses its steps by the error over the whole batch, for a tolerance of 1e-4.
+            chooses its steps by the error over the whole batch, with a tolerance of 1e-4.
         trajectory: keep the states after every step.
 
+    Returns:
+        A `Solution`: x1 (B, d), nfe, times and, if asked for, the trajectory.
+
     Raises:
-        ValueError: nfe missing, below 1, not divisible for the method, or given with dopri5; an
-            unknown method; x0 or c of a wrong shape, or not finite.
-        RuntimeError: dopri5 met a velocity that is not finite, or needs steps too small.
+        TypeError: x0, c or the velocity is not a floating-point tensor.
+        ValueError: nfe is missing, below 1, not divisible as the method needs, or given with
+            dopri5; the method is unknown; x0, c or the velocity has a wrong shape; x0 or c is not
+            finite.
+        RuntimeError: with dopri5, the velocity is not finite or the step size became too small.
     """
     validation.check_inputs(velocity, x0, c, "x0")
     evaluations = 0
@@ -98,7 +103,7 @@ def integrate(
 
     if validation.check_choice(method, "method", METHODS) == "dopri5":
         if nfe is not None:
-            raise ValueError(f"nfe={nfe} was given with dopri5, which chooses its own")
+            raise ValueError(f"nfe must be None for dopri5, which chooses its steps, got {nfe}")
         times, states = _adaptive(field, x0)
     else:
         if nfe is None:
@@ -134,16 +139,22 @@ def _adaptive(field: Field, x0: Tensor) -> tuple[Tensor, list[Tensor]]:
 
 
 def sampler(velocity: Velocity, *, nfe: int, dim: int | None = None) -> Callable[..., Tensor]:
-    """A function (c, generator=None) -> samples: fresh noise for each row of c, then Euler steps.
+    """Make a function (c, generator=None) -> samples that takes Euler steps from fresh noise.
 
     Args:
-        velocity: the field.
+        velocity: the velocity field, called as velocity(t, x, c).
         nfe: Euler steps.
-        dim: d, needed for a velocity without an attribute `dim`.
+        dim: d; may be None if the velocity has an attribute `dim`.
+
+    Returns:
+        A function from c (n, k) to one sample per row, (n, d).
+
+    Raises:
+        ValueError: dim is missing.
     """
     size = getattr(velocity, "dim", None) if dim is None else validation.check_count(dim, "dim")
     if size is None:
-        raise ValueError("dim is missing: the velocity does not say its dimension")
+        raise ValueError("dim is missing: the velocity has no attribute dim")
 
     def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         noise = torch.randn(len(validation.check_condition(c)), size, generator=generator)

@@ -1,4 +1,4 @@
-"""The one training loop: any coupling, any network, any loss."""
+"""The training loop for any coupling, network and loss."""
 
 import contextlib
 import copy
@@ -24,7 +24,7 @@ from cotlearn.flows.prefetch import has_spare_core, prefetch
 from cotlearn.progress import progress_bar
 from cotlearn.storage import load_tensors, save_tensors
 
-LOSS_RANDOMNESS = 1  #: keeps the times of the loss apart from the pairs (see `generator_for`)
+LOSS_RANDOMNESS = 1  #: `purpose` of the loss's generators (see `generator_for`)
 SCHEDULES = ("cosine", "constant")
 
 
@@ -33,9 +33,9 @@ class FitResult:
     """A trained network.
 
     Attributes:
-        network: with the exponential moving average (EMA) of the weights, in eval mode.
-        history: arrays "step", "loss" (mean since the entry before) and "seconds" (since the
-            start of training, interruptions left out).
+        network: the network with the exponential moving average (EMA) of the weights, in eval mode.
+        history: arrays "step", "loss" (mean since the previous entry) and "seconds" (training time
+            without interruptions).
     """
 
     network: nn.Module
@@ -44,7 +44,7 @@ class FitResult:
 
 @dataclass
 class _State:
-    """What changes from step to step; `plan` is what must be the same when a training resumes."""
+    """The state of a training; `plan` holds the options that must not change when it resumes."""
 
     network: nn.Module
     averaged: nn.Module
@@ -76,37 +76,41 @@ def fit(
     checkpoint_every: int = 1000,
     progress: bool | None = None,
 ) -> FitResult:
-    """Train a copy of `network` on pairs of `coupling`.
+    """Train a copy of `network` on pairs from `coupling`.
 
-    The network that is passed in stays as it is, so that several couplings can start from the same
-    weights. All randomness derives from (seed, step): the same call gives the same numbers on one
-    machine, interrupted or not. Pairs are prepared in the background while the network trains,
-    if a core is free for that (`torch.set_num_threads` below the number of cores, or training on a
-    GPU) and the coupling does not look at the network.
+    `network` itself is not changed, so several couplings can start from the same weights. All
+    randomness derives from (seed, step): on one machine the same call gives the same result,
+    interrupted or not. A background thread prepares pairs while the network trains, if a core is
+    free (torch uses fewer threads than there are cores, or trains on a GPU) and the coupling does
+    not use the network.
 
     Args:
-        network: any module that `loss` can call; with the default loss network(t, x, c) -> (B, d).
+        network: any module that `loss` can call; for the default loss, network(t, x, c) -> (B, d).
         data: has `sample(n, generator=g) -> (x1, c)`.
-        coupling: pairs noise and data.
+        coupling: pairs noise with data.
         steps: gradient steps, at least 1.
         batch_size: rows of a gradient step.
-        ot_batch_size: rows that are paired at once; a multiple of batch_size (the default).
+        ot_batch_size: rows that are paired at once, a multiple of batch_size; batch_size if None.
         source: draws the noise, `source(n, generator=g)`; standard normal if None.
-        seed: of pairs and times. The initial weights are the network's own.
-        loss: loss(network, pairs, generator) -> one value per row.
+        seed: of pairs and times; the initial weights are those of `network`.
+        loss: loss(network, pairs, generator) -> one value per row, (B,).
         learning_rate: of Adam, above 0.
-        schedule: "cosine" lets the learning rate fall to 0 at the end, "constant" does not.
-        ema: decay of the averaged weights per step, in [0, 1]; at most (1 + s)/(10 + s) in step s.
+        schedule: "cosine" (the learning rate falls to 0) or "constant".
+        ema: decay of the averaged weights, in [0, 1]; step s uses at most (1 + s)/(10 + s).
         log_every: steps between two entries of the history.
         checkpoint: a safetensors file, written every `checkpoint_every` steps, on Ctrl-C and at
-            the end. If it exists the training resumes from it.
+            the end. If it exists, training resumes from it.
         checkpoint_every: steps between two checkpoints.
-        progress: show a bar; None: in terminals and notebooks.
+        progress: show a progress bar; if None, in terminals and notebooks.
+
+    Returns:
+        The trained network (EMA weights) and the history of its loss.
 
     Raises:
-        ValueError: an option out of range, a damaged checkpoint, or one of another training.
+        TypeError: network, data or coupling is of another kind.
+        ValueError: an option is out of range, or the checkpoint is damaged or of another training.
         RuntimeError: the loss is no longer finite.
-        KeyboardInterrupt: Ctrl-C, after the checkpoint has been written.
+        KeyboardInterrupt: Ctrl-C was pressed; the checkpoint has been written.
     """
     _check_kinds(network, data, coupling)
     validation.check_count(log_every, "log_every")
@@ -139,7 +143,7 @@ def fit(
         start=first,
     )
     bar = progress_bar(total=steps, initial=first, what=coupling.name, show=progress)
-    on_gpu = device.type != "cpu"  # then the CPU waits
+    on_gpu = device.type != "cpu"  # then the CPU is idle
     ahead = coupling.solves and not coupling.uses_network and (on_gpu or has_spare_core())
     batches: Any = prefetch(stream) if ahead else stream
     with bar, contextlib.closing(batches), _interrupt_between_steps() as interrupted:
@@ -165,7 +169,7 @@ def fit(
 
 
 def _name(loss: Loss) -> str:
-    """A loss as a checkpoint notes it: a function's name, or the parameters of an object."""
+    """A loss as a checkpoint records it: a function's name, or an object's parameters."""
     owner = getattr(loss, "__self__", None)
     name = str(getattr(loss, "__qualname__", repr(loss)))
     return name if owner is None else f"{owner!r}: {name}"
@@ -173,7 +177,7 @@ def _name(loss: Loss) -> str:
 
 def _start(network: nn.Module, coupling: Coupling, plan: dict[str, Any]) -> _State:
     trained = copy.deepcopy(network).train()
-    if not any(p.requires_grad for p in trained.parameters()):  # as `fit` returns it
+    if not any(p.requires_grad for p in trained.parameters()):  # a network that `fit` returned
         trained.requires_grad_(True)
     averaged = copy.deepcopy(network).requires_grad_(False).eval()
     optimizer = torch.optim.Adam(trained.parameters(), lr=plan["learning_rate"], fused=True)
@@ -211,7 +215,7 @@ def _log(state: _State, bar: Any) -> None:
 
 
 def _finite_losses(state: _State) -> list[float]:
-    """The losses since the last entry of the history; one that is not finite ends the training."""
+    """The losses since the last entry of the history; raise RuntimeError if one is not finite."""
     losses = [float(value) for value in state.unlogged]
     for value in losses:
         if not math.isfinite(value):
@@ -222,7 +226,7 @@ def _finite_losses(state: _State) -> list[float]:
 
 @contextlib.contextmanager
 def _interrupt_between_steps() -> Iterator[threading.Event]:
-    """Turn Ctrl-C into an event, so that a step is never cut in half. A second one cuts it."""
+    """Turn Ctrl-C into an event, so that a step is completed; a second Ctrl-C interrupts it."""
     event = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield event  # only the main thread receives signals

@@ -169,7 +169,7 @@ C = torch.randn(10, 3)
     ("call", "error", "message"),
     [
         (lambda: combine({}), ValueError, "conditions is empty"),
-        (lambda: combine({"a": C}, {"b": 1.0}), ValueError, r"weights names \['b'\]"),
+        (lambda: combine({"a": C}, {"b": 1.0}), ValueError, r"weights has unknown names \['b'\]"),
         (lambda: combine({"a": C}, {"a": -1.0}), ValueError, r"weights\['a'\] must be at least 0"),
         (lambda: combine({"a": C}, {"a": math.inf}), ValueError, r"weights\['a'\].*finite"),
         (lambda: combine({"a": C, "b": C[:4]}), ValueError, "b has 4 rows, a has 10"),

@@ -219,7 +219,7 @@ ONE = {"independent": Independent()}
         (lambda: frontier(X, C, ONE, rows=1), ValueError, "rows must be at least"),
         (lambda: frontier(X, C, ONE, rows=50, batch_size=10), ValueError, "rows must be at least"),
         (lambda: frontier(X, C, ONE, repetitions=1), ValueError, "repetitions must be at least 2"),
-        (lambda: frontier(X, C, ONE, **SMALL)["naive"], KeyError, "no coupling 'naive'; there are"),
+        (lambda: frontier(X, C, ONE, **SMALL)["naive"], KeyError, "no coupling 'naive'; expect"),
     ],
 )
 def test_bad_input(call, error, message):
