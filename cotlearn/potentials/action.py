@@ -1,10 +1,10 @@
 """Action Matching (Neklyudov et al. 2210.06662): learn s(t, x; c) whose gradient is the velocity.
 
-The loss is L_AM(s) = E s_0(x0) - E s_1(x1) + int E[ |grad s_t|^2/2 + ds_t/dt ](x_t) dt, with x_t
-from any sequence of laws between noise and data. `ActionMLP` is free: its gradient learns the
-curl-free field that carries those laws. `OptimalAction` belongs to a convex potential: its
-integrand is 0 at every point, so the middle does not matter and what is left is the dual of
-optimal transport (2510.27385).
+The loss is L_AM(s) = E s_0(x0) - E s_1(x1) + int E[ |grad s_t|^2/2 + ds_t/dt ](x_t) dt, where x_t
+follows any path of laws from noise to data. `ActionMLP` is unrestricted: its gradient learns the
+curl-free field that generates the path. `OptimalAction` is given by a convex potential: its
+integrand is 0 everywhere, so the path does not matter, and the loss is the dual of optimal
+transport (2510.27385).
 """
 
 from collections.abc import Callable
@@ -20,15 +20,15 @@ from cotlearn.potentials.convex import ConvexPotential
 from cotlearn.potentials.optimal_flow import straight_line
 from cotlearn.validation import check_shape, check_times
 
-#: Where the middle is: x_t of shape (B, d) from x0, x1 of shape (B, d) and t of shape (B,).
+#: Interpolates: x_t of shape (B, d) from x0 and x1 of shape (B, d) and t of shape (B,).
 Path: TypeAlias = Callable[[Tensor, Tensor, Tensor], Tensor]
 
 
 class ActionMLP(nn.Module):
-    """A free action s(t, x, c) = <f(t, x, c), x> with a multilayer perceptron f.
+    """An unrestricted action s(t, x, c) = <f(t, x, c), x> with a multilayer perceptron f.
 
-    So s_t(0; c) = 0. That restricts nothing: only the gradient in x counts, and to add a function
-    of t and c to s changes neither that nor the loss.
+    s_t(0; c) = 0 is no restriction: adding a function of t and c to s changes neither its gradient
+    in x nor the loss.
 
     Args:
         dim: d, columns of x.
@@ -49,7 +49,7 @@ class ActionMLP(nn.Module):
     def derivatives(
         self, t: Tensor | float, x: Tensor, c: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """ds/dt of shape (B,) and grad s of shape (B, d); their graph leads to the weights."""
+        """ds/dt of shape (B,) and grad s of shape (B, d), differentiable in the weights."""
         keep = torch.is_grad_enabled()
         with torch.enable_grad():
             time = check_times(t, x).clone().requires_grad_(True)
@@ -59,19 +59,19 @@ class ActionMLP(nn.Module):
         return by_t, by_x
 
     def velocity(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
-        """grad s_t(x; c), the field that `integrate` follows."""
+        """grad s_t(x; c), shape (B, d), the velocity field for `integrate`."""
         return self.derivatives(t, x, c)[1]
 
 
 class OptimalAction(nn.Module):
     """The action of a potential's straight flow, s_t(x) = |x|^2/(2t) - Phi_t^*(x)/t (identity I1).
 
-    With z0 the start of the line that is at x at time t and u = grad Psi(z0) - z0 its velocity,
-    s_t(x) = t |u|^2/2 + Psi(z0) - |z0|^2/2, which is not 0/0 at t = 0. It solves the
+    Let z0 be the start of the line that passes x at time t, and u = grad Psi(z0) - z0 its velocity.
+    Then s_t(x) = t |u|^2/2 + Psi(z0) - |z0|^2/2, which is defined at t = 0, too. It solves the
     Hamilton-Jacobi equation ds/dt + |grad s|^2/2 = 0, and grad s = u.
 
     Args:
-        potential: Psi; its parameters are those of the action.
+        potential: Psi; the action has no other parameters.
     """
 
     def __init__(self, potential: ConvexPotential) -> None:
@@ -90,7 +90,7 @@ class OptimalAction(nn.Module):
     def derivatives(
         self, t: Tensor | float, x: Tensor, c: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """ds/dt = -|u|^2/2 of shape (B,) and grad s = u of shape (B, d), as numbers."""
+        """ds/dt = -|u|^2/2 of shape (B,) and grad s = u of shape (B, d), without a graph."""
         u = self.velocity(t, x, c)
         return -u.square().sum(dim=1) / 2, u
 
@@ -106,23 +106,24 @@ def action_matching_loss(
     *,
     path: Path = interpolate,
 ) -> Tensor:
-    """s_0(x0) - s_1(x1) + |grad s_t(x_t)|^2/2 + ds_t/dt(x_t), one time per row.
+    """s_0(x0) - s_1(x1) + |grad s_t(x_t)|^2/2 + ds_t/dt(x_t), at one time per row.
 
-    For the law p_t of x_t and a field v that carries it, it is E|grad s - v|^2/2 up to a constant;
-    with straight paths L_FM(grad s) = 2 L_AM(s) + E|x1 - x0|^2 (identity I3). It may be negative.
+    For a field v that generates the law of x_t, the expected loss is E|grad s - v|^2/2 up to a
+    constant; on straight paths L_FM(grad s) = 2 L_AM(s) + E|x1 - x0|^2 (identity I3). The loss can
+    be negative.
 
     Args:
-        action: free, or of a potential.
-        pairs: a batch of any coupling.
+        action: an `ActionMLP` or `OptimalAction`.
+        pairs: a batch from any coupling.
         generator: draws t on the CPU.
-        path: path(x0, x1, t) -> x_t, which must be x0 at t = 0 and x1 at t = 1; straight lines by
-            default. For another one use `functools.partial`.
+        path: path(x0, x1, t) -> x_t, equal to x0 at t = 0 and to x1 at t = 1; straight lines by
+            default. To use another path in `fit`, bind it with `functools.partial`.
 
     Returns:
         (B,), the loss of each row.
 
     Raises:
-        ValueError: a path that does not have the shape of x0.
+        ValueError: path returns another shape than that of x0.
     """
     x0, x1, c = pairs.x0, pairs.x1, pairs.c
     t = _stratified_times(pairs, generator)
@@ -132,7 +133,7 @@ def action_matching_loss(
 
 
 def _stratified_times(pairs: Pairs, generator: torch.Generator | None) -> Tensor:
-    """One time in each of B equal parts of [0, 1]: less noise than independent times, same mean."""
+    """Draw one time in each of B equal parts of [0, 1], which lowers the loss's variance."""
     t = uniform_times(pairs, generator)
     place = torch.randperm(len(t), generator=generator).to(t.device)
     return ((place + t) / len(t)).clamp(max=1)

@@ -1,8 +1,8 @@
 """Potentials Psi(x; c) that are convex in x: their gradient in x is an optimal transport map.
 
-The networks here are input-convex (Amos et al. 1609.07152): every weight on the way from one
-hidden layer to the next is positive and the activation (softplus) is convex and increasing, so
-the output is convex in x whatever the values of the parameters. Directly from x any weight may go.
+The networks here are input-convex (Amos et al. 1609.07152): all weights between hidden layers are
+positive, and the activation (softplus) is convex and increasing, so the output is convex in x for
+any parameters. Weights directly from x may have any sign.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from cotlearn.flows.training import fit
 from cotlearn.gaussian import bures_map
 from cotlearn.validation import check_count, check_inputs, check_number
 
-SMALLEST_ALPHA = 1e-2  #: below it the loss explodes near t = 1, where flat places are inverted
-AT_THE_START = 0.1  #: size of the network's part beside the Gaussian part before training
+SMALLEST_ALPHA = 1e-2  #: with less, nearly flat regions are inverted at t = 1: the loss explodes
+AT_THE_START = 0.1  #: size of the network's part relative to the Gaussian part before training
 START: dict[str, Any] = {"steps": 500, "batch_size": 256, "learning_rate": 1e-2}  #: of a PICNN
 
 
 class ConvexPotential(nn.Module):
-    """Psi(x; c), convex in x.
+    """Abstract base class of potentials Psi(x; c) that are convex in x.
 
-    A subclass writes `value`, and gradient and Hessian come by autodiff; or it writes `given`,
-    which returns a function of x with its own `value`, `gradient`, `hessian` and `rows`.
+    A subclass implements `value`, with gradient and Hessian by autodiff; or it implements `given`,
+    which returns a function of x with methods `value`, `gradient`, `hessian` and `rows`.
 
     Args:
         dim: d, columns of x.
@@ -46,15 +46,15 @@ class ConvexPotential(nn.Module):
         self.condition_dim = check_count(condition_dim, "condition_dim", minimum=0)
 
     def value(self, x: Tensor, c: Tensor | None) -> Tensor:
-        """The formula: Psi(x; c) of shape (B,), convex in x."""
+        """Psi(x; c), shape (B,), convex in x; the formula of a subclass."""
         return self.given(c).value(x)
 
     def forward(self, x: Tensor, c: Tensor | None = None) -> Tensor:
-        """Psi(x; c) for x of shape (B, d) and c of shape (B, k), or None; shape (B,)."""
+        """Psi(x; c), shape (B,), for x of shape (B, d) and c of shape (B, k), or None."""
         return self.value(x, c)
 
     def gradient(self, x: Tensor, c: Tensor | None = None) -> Tensor:
-        """The gradient in x, shape (B, d): the map. Its own graph leads to the parameters."""
+        """The gradient in x, shape (B, d): the transport map, differentiable in the parameters."""
         return self.given(c).gradient(x)
 
     def hessian(self, x: Tensor, c: Tensor | None = None) -> Tensor:
@@ -62,7 +62,7 @@ class ConvexPotential(nn.Module):
         return self.given(c).hessian(x)
 
     def given(self, c: Tensor | None) -> Given:
-        """A function of x alone: the potential with the conditions of its rows filled in."""
+        """The potential as a function of x alone, for fixed conditions c (B, k) of its rows."""
         return _ByAutodiff(self, c)
 
 
@@ -84,27 +84,27 @@ class _ByAutodiff:
         return slope
 
     def hessian(self, x: Tensor) -> Tensor:
-        """Column by column: torch's own spends seconds on imports when it is first called."""
+        """Computed column by column: the first call of torch's own Hessian takes seconds."""
         keep = torch.is_grad_enabled()
         with torch.enable_grad():
             x = x if keep and x.requires_grad else x.detach().requires_grad_(True)
             (slope,) = torch.autograd.grad(self.value(x).sum(), x, create_graph=True)
-            sums = (slope + 0 * x).sum(dim=0)  # a linear potential's does not depend on x
+            sums = (slope + 0 * x).sum(dim=0)  # 0 * x: a linear potential's slope has no x
             options: Any = {"create_graph": keep, "retain_graph": True}
             columns = [torch.autograd.grad(total, x, **options)[0] for total in sums]
         return torch.stack(columns, dim=2)
 
     def rows(self, index: Tensor) -> _ByAutodiff:
-        """The same for some of the rows."""
+        """The same potential for some of the rows."""
         return replace(self, c=None if self.c is None else self.c[index])
 
 
 @dataclass(frozen=True)
 class _Layers:
-    """An input-convex network with all its weights made: shared, or one set for each row.
+    """An input-convex network with its final weights, shared by all rows or one set per row.
 
-    Psi(x) = <x, Q x>/2 + <b, x> + <w, z_K>, with y = F x (F the frame, or y = x),
-    a_k = W_k z_k + L_k y + s_k and z_{k+1} = softplus(a_k); z_0 = 0, and W_k, w are positive.
+    Psi(x) = <x, Q x>/2 + <b, x> + <w, z_K>, with y = F x (y = x without a frame F),
+    a_k = W_k z_k + L_k y + s_k and z_{k+1} = softplus(a_k); z_0 = 0, and W_k and w are positive.
     """
 
     Q: Tensor  #: (d, d) or (B, d, d)
@@ -124,7 +124,7 @@ class _Layers:
         return a
 
     def _backward(self, a: list[Tensor]) -> list[Tensor]:
-        """The derivatives of Psi by z_{k+1}, each (B, width) and positive."""
+        """The derivatives of Psi with respect to z_{k+1}, each (B, width) and positive."""
         by_z = [self.w.expand_as(a[-1])]
         for k in range(len(a) - 1, 0, -1):
             by_z.append((by_z[-1] * torch.sigmoid(a[k])) @ self.W[k - 1])
@@ -146,7 +146,7 @@ class _Layers:
         return self._times_q(x) + self.b + by_x
 
     def hessian(self, x: Tensor) -> Tensor:
-        """Q + sum_k J_k^T diag(dPsi/dz_{k+1} softplus''(a_k)) J_k with J_k = da_k/dx: convex."""
+        """Q + sum_k J_k^T diag(dPsi/dz_{k+1} softplus''(a_k)) J_k with J_k = da_k/dx."""
         a = self._forward(x)
         H = self.Q.expand(len(x), *self.Q.shape[-2:])
         J = None
@@ -173,7 +173,7 @@ Given: TypeAlias = _ByAutodiff | _Layers
 
 
 class _InputConvex(ConvexPotential):
-    """The parameters that input-convex networks with and without a condition share."""
+    """Base class of `ICNN` and `PICNN`: their shared parameters."""
 
     def __init__(self, dim: int, condition_dim: int, width: int, depth: int, alpha: float) -> None:
         super().__init__(dim, condition_dim)
@@ -195,22 +195,22 @@ class _InputConvex(ConvexPotential):
         return root @ root.mT + self.alpha * torch.eye(self.dim).to(root)
 
     def _layers(self, Q: Tensor, b: Tensor, s: Tensor, w: Tensor, F: Any = None) -> _Layers:
-        """The network with its positive weights made."""
+        """The network with its weights W and w made positive."""
         body = self.body
         return _Layers(Q, b, body["L"], softplus(body["raw_W"]), s, softplus(w), F)
 
 
 class ICNN(_InputConvex):
-    """An input-convex network Psi(x) with a quadratic part of its own.
+    """An input-convex network Psi(x) plus a quadratic part.
 
     Psi(x) = alpha/2 |x|^2 + |R^T x|^2/2 + <b, x> + network(x). Untrained, its gradient is nearly x;
-    `start_at_gaussian` makes it the optimal map between Gaussians.
+    `start_at_gaussian` makes it nearly the optimal map between Gaussians.
 
     Args:
         dim: d, columns of x.
         width: neurons of each hidden layer.
         depth: hidden layers.
-        alpha: the Hessian's eigenvalues are at least alpha; at least 0.01.
+        alpha: lower bound of the Hessian's eigenvalues, at least 0.01.
         seed: of the initial weights; torch's global randomness if None.
     """
 
@@ -228,26 +228,29 @@ class ICNN(_InputConvex):
         self.b = nn.Parameter(torch.zeros(dim))
 
     def given(self, c: Tensor | None) -> _Layers:
-        """The network with its positive weights made."""
+        """The network with its weights W and w made positive; c is not used."""
         return self._layers(self._q(self.root), self.b, self.body["s"], self.body["raw_w"])
 
     @torch.no_grad()
     def start_at_gaussian(self, x1: Tensor, c: Tensor | None = None) -> ICNN:
-        """Make the gradient the optimal map from N(0, I) to a Gaussian like x1.
+        """Make the gradient nearly the optimal map from N(0, I) to a Gaussian fitted to x1.
 
-        The network's part stays, small, and its gradient at 0 is subtracted from b.
+        The network's small part is kept, and its gradient at 0 is subtracted from b.
 
         Args:
-            x1: (n, d) data, n above d.
-            c: None.
+            x1: (n, d) data, n > d.
+            c: must be None.
 
         Returns:
-            The potential itself, changed.
+            This potential, changed in place.
+
+        Raises:
+            ValueError: x1 has at most d rows, or c is given.
         """
         check_inputs(self, x1, c, "x1")
         if len(x1) <= self.dim:
             raise ValueError(
-                f"x1 has {len(x1)} rows: a covariance in {self.dim} dimensions needs more"
+                f"x1 must have more than {self.dim} rows for a covariance, got {len(x1)}"
             )
         x = x1.detach().to("cpu", torch.float64)
         covariance = np.atleast_2d(np.cov(x.numpy(), rowvar=False))
@@ -264,16 +267,16 @@ class ICNN(_InputConvex):
 class PICNN(_InputConvex):
     """A partially input-convex network Psi(x; c): convex in x, any function of c.
 
-    The network of `ICNN`, whose quadratic and linear parts, thresholds, last weights and frame (a
-    matrix that turns and stretches x before it meets the hidden layers) are functions of c.
+    This is `ICNN` with quadratic and linear parts, biases, last weights and frame that are
+    functions of c. The frame is a matrix that multiplies x before the hidden layers.
 
     Args:
         dim: d, columns of x.
         condition_dim: k, columns of c, at least 1.
         width: neurons of each hidden layer.
         depth: hidden layers.
-        condition_width: neurons of each of the two hidden layers that see c.
-        alpha: the eigenvalues of the Hessian in x are at least alpha; at least 0.01.
+        condition_width: neurons of each of the two hidden layers that take c.
+        alpha: lower bound of the eigenvalues of the Hessian in x, at least 0.01.
         seed: of the initial weights; torch's global randomness if None.
     """
 
@@ -295,7 +298,7 @@ class PICNN(_InputConvex):
             self.shape = _condition_network(k, n, (depth + 1) * width + dim * dim)
 
     def given(self, c: Any) -> _Layers:
-        """The network with the conditions of its rows filled in."""
+        """The network as a function of x alone, for fixed conditions c (B, k)."""
         c = c.to(self.root.dtype)
         Q, b = self._quadratic(c)
         s, w = self.body["s"], self.body["raw_w"]
@@ -313,16 +316,16 @@ class PICNN(_InputConvex):
     def start_at_gaussian(self, x1: Tensor, c: Tensor) -> PICNN:
         """Make the gradient nearly the optimal map to N(m(c), S(c)), learned from pairs (x1, c).
 
-        For quadratic potentials the dual of optimal transport needs no inversion: the minimum of
-        E [ <x0, Q x0>/2 + <b, x0> + <x1 - b, Q^{-1} (x1 - b)>/2 ] is b = m(c) and Q = S(c)^{1/2}
-        for standard normal x0 that is independent of c. `fit` finds it in a few hundred steps.
+        For quadratic potentials the dual of optimal transport needs no inversion: if x0 is standard
+        normal and independent of c, E [ <x0, Q x0>/2 + <b, x0> + <x1 - b, Q^{-1} (x1 - b)>/2 ] is
+        smallest at b = m(c) and Q = S(c)^{1/2}. `fit` finds this minimum in a few hundred steps.
 
         Args:
             x1: (n, d) data.
             c: (n, k) its conditions.
 
         Returns:
-            The potential itself, changed.
+            This potential, changed in place.
         """
         check_inputs(self, x1, c, "x1")
         data, generator = Dataset(x1, c.to(x1.dtype)), torch.Generator().manual_seed(0)
@@ -333,7 +336,7 @@ class PICNN(_InputConvex):
 
 
 def _fresh_pairs(data: Dataset, n: int, generator: torch.Generator) -> Iterator[Pairs]:
-    """Independent pairs, all drawn one after the other from a single generator."""
+    """Yield batches of independent pairs, all drawn from a single generator."""
     while True:
         x1, c = data.sample(n, generator)
         index = torch.arange(n)
@@ -349,7 +352,7 @@ def _gaussian_dual(network: Any, pairs: Pairs, generator: torch.Generator) -> Te
 
 
 def _softplus(a: Tensor) -> Tensor:
-    """log(1 + exp(a)); torch's own becomes a line above 20, where sigmoid is still 1 - 2e-9."""
+    """log(1 + exp(a)); torch's default is linear above 20, where sigmoid is still 1 - 2e-9."""
     return softplus(a, threshold=40)
 
 

@@ -1,4 +1,4 @@
-"""Solve (1 - t) z + t grad Psi(z; c) = y for z: batched, damped Newton. Nothing flows back."""
+"""Solve (1 - t) z + t grad Psi(z; c) = y for z by batched, damped Newton, without gradients."""
 
 import warnings
 from collections.abc import Callable
@@ -10,10 +10,10 @@ from torch import Tensor
 from cotlearn.potentials.convex import ConvexPotential, Given
 from cotlearn.validation import check_inputs, check_times
 
-EXPLICIT = 40  #: up to this many dimensions whole Hessians are cheaper than conjugate gradients
+EXPLICIT = 40  #: dimensions up to which full Hessians are cheaper than conjugate gradients
 TOLERANCE = {torch.float64: 1e-10}  #: of |residual| / (1 + |y|); 1e-4 in other dtypes
-SHORTEST = 1e-6  #: part of a Newton step that is tried
-MOST = 200  #: evaluations of the gradient
+SHORTEST = 1e-6  #: smallest share of a Newton step that is tried
+MOST = 200  #: most evaluations of the gradient
 
 
 class InversionWarning(RuntimeWarning):
@@ -22,13 +22,13 @@ class InversionWarning(RuntimeWarning):
 
 @dataclass(frozen=True)
 class Inversion:
-    """What an inversion found.
+    """The result of an inversion.
 
     Attributes:
-        z: (B, d), where (1 - t) z + t grad Psi(z; c) is y, or as near as the solver came.
+        z: (B, d), the solution of (1 - t) z + t grad Psi(z; c) = y, or the solver's last iterate.
         residual: (B,), |(1 - t) z + t grad Psi(z; c) - y|.
-        converged: (B,), whether the residual is below the tolerance.
-        evaluations: how often the gradient was evaluated.
+        converged: (B,), whether the residual is at most the tolerance.
+        evaluations: number of evaluations of the gradient.
     """
 
     z: Tensor
@@ -40,25 +40,25 @@ class Inversion:
 def invert(
     potential: ConvexPotential, y: Tensor, t: Tensor | float = 1.0, c: Tensor | None = None
 ) -> Inversion:
-    """The minimum of Phi_t(z) - <y, z> with Phi_t(z) = (1 - t)/2 |z|^2 + t Psi(z; c), row by row.
+    """Minimise Phi_t(z) - <y, z> with Phi_t(z) = (1 - t)/2 |z|^2 + t Psi(z; c), row by row.
 
-    Newton's method on the gradient. A step is halved until it ends where the function still falls
-    (so that it is lower, by convexity) or where the residual is less than half. With t = 1 this
-    inverts the map grad Psi, and z is the gradient of the conjugate Psi^* at y. Up to 40 dimensions
-    the step is solved with whole Hessians, above by conjugate gradients.
+    This is Newton's method on the gradient. A step is halved until the function still decreases
+    along it at its end (so the value is lower, by convexity), or the residual is less than half.
+    With t = 1 this inverts the map grad Psi, and z is the gradient of the conjugate Psi^* at y. Up
+    to 40 dimensions the steps use full Hessians, above 40 conjugate gradients.
 
     Args:
-        potential: convex in x.
+        potential: Psi, convex in x.
         y: (B, d).
         t: a number or shape (B,), in [0, 1].
         c: (B, k), or None.
 
     Raises:
-        ValueError: t outside [0, 1], or shapes or conditions that do not fit the potential.
+        ValueError: t lies outside [0, 1], or a shape or c does not fit the potential.
         RuntimeError: the potential's gradient or Hessian is not finite.
 
     Warns:
-        InversionWarning: how many rows did not converge.
+        InversionWarning: some rows did not converge.
     """
     c = check_inputs(potential, y, c, "y")
     with torch.no_grad():
@@ -67,7 +67,7 @@ def invert(
 
 @torch.no_grad()
 def solve(given: Given, y: Tensor, t: Tensor, start: Tensor | None = None) -> Inversion:
-    """`invert` for checked arguments, from z = `start`, (B, d); from 0 if None."""
+    """`invert` with checked arguments, starting at z = `start` (B, d), or at 0 if None."""
     z = torch.zeros_like(y) if start is None else start.clone()
     tolerance = TOLERANCE.get(y.dtype, 1e-4)
     limits = tolerance * (1 + y.norm(dim=1))
@@ -75,8 +75,8 @@ def solve(given: Given, y: Tensor, t: Tensor, start: Tensor | None = None) -> In
     residual = g.norm(dim=1)
     _check_finite(residual, "gradient")
     p, length = torch.zeros_like(z), torch.ones_like(limits)
-    active = (residual > limits).nonzero()[:, 0]  # rows that are not done
-    fresh = active  # those of them that need a new direction
+    active = (residual > limits).nonzero()[:, 0]  # rows that have not converged
+    fresh = active  # active rows that need a new direction
     evaluations = 1
     while len(active) and evaluations < MOST:
         if len(fresh):
@@ -86,7 +86,7 @@ def solve(given: Given, y: Tensor, t: Tensor, start: Tensor | None = None) -> In
         slope = _slope(given.rows(active), trial, t[active]) - y[active]
         evaluations += 1
         size = slope.norm(dim=1)
-        downhill = (slope * p[active]).sum(dim=1) <= 0  # all the way, because Phi_t is convex
+        downhill = (slope * p[active]).sum(dim=1) <= 0  # along the whole step, by convexity
         better = torch.isfinite(size) & (downhill | (size < residual[active] / 2))
         fresh = active[better]
         z[fresh], g[fresh], residual[fresh] = trial[better], slope[better], size[better]
@@ -110,14 +110,17 @@ def solve(given: Given, y: Tensor, t: Tensor, start: Tensor | None = None) -> In
 def solve_curvature(
     given: Given, z: Tensor, right: Tensor, t: Tensor, accuracy: Tensor | float = 1e-4
 ) -> Tensor:
-    """The solution p of (t H(z) + (1 - t) I) p = right, H the Hessian of the potential.
+    """Solve (t H(z) + (1 - t) I) p = right for p, where H is the Hessian of the potential.
 
     Args:
         given: the potential of these rows.
         z: (B, d).
         right: (B, d).
         t: (B,).
-        accuracy: of conjugate gradients, relative to |right|; they are used above 40 dimensions.
+        accuracy: relative residual of conjugate gradients, which are used above 40 dimensions.
+
+    Returns:
+        p, shape (B, d).
     """
     if z.shape[1] <= EXPLICIT:
         A = t[:, None, None] * given.hessian(z)
@@ -135,14 +138,14 @@ def solve_curvature(
 
         _check_finite(product(right).sum(dim=1), "Hessian")
         p = _conjugate_gradients(product, right, accuracy)
-    # Where the matrix is singular to working precision: the right-hand side, which is downhill.
+    # Where the matrix is numerically singular, return the right-hand side: a descent direction.
     return torch.where(torch.isfinite(p).all(dim=1, keepdim=True), p, right)
 
 
 def _conjugate_gradients(
     product: Callable[[Tensor], Tensor], right: Tensor, accuracy: Tensor | float
 ) -> Tensor:
-    """Row by row; a row that is done takes steps of length 0."""
+    """Solve product(p) = right row by row; a converged row takes steps of length 0."""
     p, r = torch.zeros_like(right), right.clone()
     direction, rr = r.clone(), r.square().sum(dim=1)
     goal = accuracy**2 * rr

@@ -1,9 +1,9 @@
 """Optimal flow matching: flows that are straight by construction (Kornilov et al. 2403.13117).
 
-A convex potential Psi is the network. Its map x0 -> grad Psi(x0) takes noise to data along straight
-lines, z_t = (1 - t) z0 + t grad Psi(z0), whose field is u_t(z_t) = grad Psi(z0) - z0. Two losses
-have the same expected gradient: `optimal_flow_matching_loss` compares velocities at random times,
-`dual_loss` is their integral over time in closed form.
+The network is a convex potential Psi. Its map x0 -> grad Psi(x0) moves noise to data along straight
+lines z_t = (1 - t) z0 + t grad Psi(z0), with the velocity field u_t(z_t) = grad Psi(z0) - z0. Two
+losses have the same expected gradient: `optimal_flow_matching_loss` compares velocities at random
+times; `dual_loss` is its integral over time in closed form.
 """
 
 import torch
@@ -15,7 +15,7 @@ from cotlearn.potentials.convex import ConvexPotential, Given
 from cotlearn.potentials.inversion import solve, solve_curvature
 from cotlearn.validation import check_inputs, check_same_rows, check_times
 
-LINES = 512  #: that an inversion may start from
+LINES = 512  #: most lines that can provide the start of an inversion
 
 
 def optimal_flow_matching_loss(
@@ -23,26 +23,26 @@ def optimal_flow_matching_loss(
 ) -> Tensor:
     """|u_t(x_t) - (x1 - x0)|^2 at one uniform time per row, with a proxy gradient.
 
-    z0 solves (1 - t) z0 + t grad Psi(z0) = x_t and is not differentiated through. The value is
-    |grad Psi(z0) - z0 - (x1 - x0)|^2 = |z0 - x0|^2/t^2; the gradient is that of
-    < stop[2 (t H + (1 - t) I)^{-1} (x0 - z0)/t], grad Psi(z0) >, H the Hessian of Psi at z0, which
-    the implicit function theorem gives. Its expectation is that of twice `dual_objective` for any
-    pairs whose noise does not depend on the condition. The loss does not fall to 0, but to
-    E|x1 - x0|^2 - W2^2.
+    z0 solves (1 - t) z0 + t grad Psi(z0) = x_t and is not differentiated. The value is
+    |grad Psi(z0) - z0 - (x1 - x0)|^2 = |z0 - x0|^2/t^2. By the implicit function theorem its
+    gradient is that of < stop[2 (t H + (1 - t) I)^{-1} (x0 - z0)/t], grad Psi(z0) >, where H is the
+    Hessian of Psi at z0. The expected gradient equals that of twice `dual_objective` for any pairs
+    whose noise does not depend on the condition. The smallest expected loss is
+    E|x1 - x0|^2 - W2^2, not 0.
 
     Args:
         potential: Psi.
-        pairs: a batch of any coupling.
+        pairs: a batch from any coupling.
         generator: draws t on the CPU.
 
     Returns:
         (B,), the squared error of each row.
 
     Raises:
-        RuntimeError: the potential is no longer finite.
+        RuntimeError: the potential's gradient or Hessian is not finite.
 
     Warns:
-        InversionWarning: rows whose z0 did not converge; they are used as they are.
+        InversionWarning: z0 did not converge in some rows; their last iterates are used.
     """
     return optimal_flow_matching_loss_at(potential, pairs, uniform_times(pairs, generator))
 
@@ -64,17 +64,17 @@ def optimal_flow_matching_loss_at(
 def dual_loss(
     potential: ConvexPotential, pairs: Pairs, generator: torch.Generator | None = None
 ) -> Tensor:
-    """2 (Psi(x0) + Psi^*(x1) - <x0, x1>), the Fenchel-Young gap of each pair, without a Hessian.
+    """2 (Psi(x0) + Psi^*(x1) - <x0, x1>), twice the Fenchel-Young gap of each pair, Hessian-free.
 
-    It is the integral over t of `optimal_flow_matching_loss`, pair by pair: 0 where
-    x1 = grad Psi(x0), else above. Its gradient is that of 2 (Psi(x0) - Psi(stop[z])) with
-    grad Psi(z) = x1 (the envelope theorem), so that the mean over a batch does not depend on who
-    is paired with whom.
+    It is the integral over t of `optimal_flow_matching_loss` for each pair, 0 if x1 = grad Psi(x0)
+    and positive otherwise. By the envelope theorem its gradient is that of
+    2 (Psi(x0) - Psi(stop[z])) with grad Psi(z) = x1, so the mean gradient of a batch does not
+    depend on the pairing.
 
     Args:
         potential: Psi.
-        pairs: a batch of any coupling.
-        generator: not used; every loss is called with it.
+        pairs: a batch from any coupling.
+        generator: not used; `fit` passes it to every loss.
 
     Returns:
         (B,), at least 0 (up to the tolerance of the inversion).
@@ -89,7 +89,7 @@ def dual_loss(
 def dual_objective(
     potential: ConvexPotential, x0: Tensor, x1: Tensor, c: Tensor | None = None
 ) -> Tensor:
-    """L_OT of each row: Psi(x0; c) + Psi^*(x1; c); its mean needs no pairs, only samples.
+    """L_OT of each row, Psi(x0; c) + Psi^*(x1; c); its mean does not depend on the pairing.
 
     Args:
         potential: Psi.
@@ -110,9 +110,9 @@ def dual_objective(
 
 @torch.no_grad()
 def _near(given: Given, pairs: Pairs, y: Tensor, t: Tensor) -> Tensor | None:
-    """For each y the start of the nearest of the lines from x0, which halves the inversion's work.
+    """For each y the start of the nearest line from a row of x0; it halves the inversion's work.
 
-    With conditions every row has a map of its own, and this would take B^2 evaluations.
+    With conditions every row has its own map, and this would need B^2 evaluations: return None.
     """
     if pairs.c is not None:
         return None
@@ -125,14 +125,14 @@ def _near(given: Given, pairs: Pairs, y: Tensor, t: Tensor) -> Tensor | None:
 
 @torch.no_grad()
 def transport(potential: ConvexPotential, x0: Tensor, c: Tensor | None = None) -> Tensor:
-    """Samples by one evaluation: x1 = grad Psi(x0; c), shape (B, d)."""
+    """Sample with one evaluation: x1 = grad Psi(x0; c), shape (B, d), from x0 (B, d)."""
     return potential.gradient(x0, check_inputs(potential, x0, c, "x0"))
 
 
 class OptimalField:
-    """The field u_t(x; c) = grad Psi(z0) - z0 of a potential, for `integrate` and `sampler`.
+    """The velocity field u_t(x; c) = grad Psi(z0) - z0 for `integrate` and `sampler`.
 
-    One Euler step from t = 0 is `transport`; more steps give the same, at the price of inversions.
+    One Euler step from t = 0 is `transport`; more steps give the same samples but need inversions.
 
     Args:
         potential: Psi.
@@ -143,7 +143,7 @@ class OptimalField:
         self.dim, self.condition_dim = potential.dim, potential.condition_dim
 
     def __call__(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
-        """The velocity at x of shape (B, d) and t, a number or of shape (B,), in [0, 1]."""
+        """The velocity (B, d) at x (B, d) and t in [0, 1], a number or of shape (B,)."""
         return straight_line(self.potential, t, x, c)[1]
 
 
@@ -151,7 +151,7 @@ class OptimalField:
 def straight_line(
     potential: ConvexPotential, t: Tensor | float, x: Tensor, c: Tensor | None = None
 ) -> tuple[Tensor, Tensor]:
-    """Start z0 and velocity u = grad Psi(z0) - z0 of the line that is at x at time t.
+    """Start z0 and velocity u = grad Psi(z0) - z0 of the line that passes x at time t.
 
     Args:
         potential: Psi.

@@ -1,4 +1,4 @@
-"""Problems whose optimal map from standard normal noise is known: what L2-UVP is held to."""
+"""Problems with a known optimal map from standard normal noise, the ground truth of L2-UVP."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ PIECES, SPREAD = 8, 2.0  #: of `LogSumExp`
 class LogSumExp(ConvexPotential):
     """Psi(x) = alpha/2 |x|^2 + temperature log sum_i exp((<a_i, x> + b_i)/temperature), random.
 
-    Its gradient is a transport map that is known exactly: a ground truth in any dimension. Eight
-    pieces a_i ~ N(0, 8/d I) and b_i ~ N(0, 4); the map moves about 4 from one to the next in any
-    dimension, and the more suddenly the lower `temperature`.
+    Its gradient is a known optimal transport map, a ground truth in any dimension. There are eight
+    random pieces, a_i ~ N(0, 8/d I) and b_i ~ N(0, 4). From one piece to the next the map moves by
+    about 4 in any dimension, the more abruptly the lower `temperature` is.
 
     Args:
         dim: d, columns of x.
@@ -56,7 +56,7 @@ class KnownMap:
     Args:
         true_map: T, from (n, d) to (n, d); for instance `LogSumExp(2).gradient`.
         dim: d.
-        name: how to call it.
+        name: label in figures and checkpoints.
     """
 
     true_map: Callable[[Tensor], Tensor]
@@ -66,7 +66,7 @@ class KnownMap:
 
     @classmethod
     def gaussian(cls, dim: int, *, seed: int = 0) -> KnownMap:
-        """To a random Gaussian: standard deviations from 0.3 to 2 on random axes, mean N(0, I)."""
+        """A random Gaussian: standard deviations 0.3 to 2 along random axes, mean from N(0, I)."""
         generator = torch.Generator().manual_seed(check_count(seed, "seed", minimum=0))
         axes = torch.linalg.qr(torch.randn(dim, dim, generator=generator))[0]
         slope = axes * torch.linspace(0.3, 2.0, dim) @ axes.T
@@ -88,9 +88,9 @@ class KnownMap:
 class ConditionalGaussian:
     """x1 | c ~ N(m(c), S(c)) for c uniform in [-1, 1]: T_c(x) = m(c) + S(c)^{1/2} x.
 
-    Each pair of coordinates holds an ellipse (standard deviations 1 outwards, 0.3 along the circle)
-    that c carries along half a circle of radius 3 and turns with it; the pairs start at different
-    angles. In an odd dimension the last coordinate is N(3 c, 0.3^2).
+    In each pair of coordinates x1 is an elliptic Gaussian (standard deviation 1 along the radius,
+    0.3 along the circle) that moves with c along half a circle of radius 3; the pairs start at
+    different angles. In an odd dimension the last coordinate is N(3 c, 0.3^2).
 
     Args:
         dim: d.
@@ -148,18 +148,21 @@ class ConditionalGaussian:
 def eight_gaussians_map(n: int = 1024, *, seed: int = 0) -> tuple[Tensor, Tensor]:
     """Points x0 and T(x0) of the optimal map from N(0, I) to `mixtures.eight_gaussians`.
 
-    Both laws have the 16 symmetries of the octagon, so T maps a wedge of 22.5 degrees to itself:
-    there it takes a slice of the normal law to half of one Gaussian, and one assignment of n
-    low-discrepancy points to n others finds it; reflections and rotations give the rest.
-    (The other Gaussians are six standard deviations away from the wedge.)
+    Both laws have the 16 symmetries of the octagon, so T maps a wedge of 22.5 degrees to itself.
+    Inside the wedge T maps a slice of the normal law to half of one Gaussian, and an assignment of
+    n low-discrepancy points to n others approximates it; reflections and rotations give the other
+    wedges. (The other Gaussians are six standard deviations away from the wedge.)
 
     Args:
         n: points in the wedge, a power of 2.
         seed: of the points.
 
     Returns:
-        x0 and T(x0), both (16 n, 2). The error of T is that of the grid: with n = 1024 its square
-        is of the order of 0.001 % of the variance.
+        x0 and T(x0), both (16 n, 2). The squared error of T, due to the finite grid, is about
+        0.001 % of the variance at n = 1024.
+
+    Raises:
+        ValueError: n is not a power of 2.
     """
     if check_count(n, "n") & (n - 1):
         raise ValueError(f"n must be a power of 2, got {n}")

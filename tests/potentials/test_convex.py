@@ -133,7 +133,7 @@ def test_picnn_start_is_reproducible(monkeypatch):
 
 
 def test_start_at_gaussian_needs_enough_rows():
-    with pytest.raises(ValueError, match="x1 has 3 rows: a covariance in 3 dimensions needs more"):
+    with pytest.raises(ValueError, match="x1 must have more than 3 rows"):
         ICNN(3).start_at_gaussian(torch.randn(3, 3))
 
 
