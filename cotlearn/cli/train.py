@@ -48,7 +48,7 @@ def train(
         )
     trained.policy.about = {"coupling": coupling, "seed": seed, "episodes": len(chosen)}
     trained.policy.save(out)
-    for file in out.parent.glob(f"*{checkpoint.name}"):
+    for file in trained.checkpoints:
         file.unlink()
     console.print(
         f"{escape(str(out))}: {trained.parameters} weights, {len(chosen)} episodes, "

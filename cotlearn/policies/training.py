@@ -138,6 +138,7 @@ class Trained:
         seconds: of training, preparations and teachers included.
         parameters: weights of the network.
         coupling: that paired its batches.
+        checkpoints: files of this training, those of its preparations first.
     """
 
     policy: ChunkPolicy
@@ -145,6 +146,7 @@ class Trained:
     seconds: float
     parameters: int
     coupling: Coupling
+    checkpoints: tuple[Path, ...] = ()
 
 
 @dataclass
@@ -160,6 +162,7 @@ class Run:
         seed: of pairs and times.
         checkpoint: a file to resume from.
         progress: show a bar.
+        checkpoints: that were written so far.
         seconds: spent on training so far.
     """
 
@@ -171,6 +174,7 @@ class Run:
     seed: int
     checkpoint: Path | None
     progress: bool | None
+    checkpoints: list[Path]
     seconds: float = 0.0
 
     def fit(self, prefix: str = "") -> FitResult:
@@ -191,6 +195,7 @@ class Run:
             progress=self.progress,
         )
         self.seconds += float(result.history["seconds"][-1])
+        self.checkpoints += [place] if place else []
         return result
 
 
@@ -231,6 +236,7 @@ def train(
         seed=seed,
         checkpoint=Path(checkpoint) if checkpoint else None,
         progress=progress,
+        checkpoints=[],
     )
     if method.prepare:
         method.prepare(run)
@@ -243,7 +249,9 @@ def train(
         fitted=pictures.state_dict() if pictures else {},
     )
     parameters = sum(p.numel() for p in result.network.parameters())
-    return Trained(policy, result.history, run.seconds, parameters, run.coupling)
+    return Trained(
+        policy, result.history, run.seconds, parameters, run.coupling, tuple(run.checkpoints)
+    )
 
 
 def camera_options(**options: Any) -> Options:

@@ -93,7 +93,10 @@ def test_train(tmp_path, start):
     checkpoint = tmp_path / "made.training.safetensors"
     kill_when_there_is(checkpoint, start(words, tmp_path))
     assert not (tmp_path / "made.safetensors").exists()
+    other = tmp_path / "homemade.training.safetensors"  # of another run
+    other.write_bytes(b"")
     finish(start(words, tmp_path), tmp_path)
+    other.unlink()
     assert ChunkPolicy.load(tmp_path / "made.safetensors").windows.task.name == "arm-ring"
     left = {file.name for file in tmp_path.iterdir() if not file.name.startswith(".")}
     assert left == {"made.safetensors"}

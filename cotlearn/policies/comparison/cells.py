@@ -123,7 +123,7 @@ class _Bench:
         }
         trained.policy.about = {"protocol": self.record, "training": about}
         trained.policy.save(self.weights / f"{name}.safetensors")
-        for file in self.weights.glob(f"*{checkpoint.name}"):
+        for file in trained.checkpoints:
             file.unlink()
         return trained.policy
 
