@@ -43,6 +43,7 @@ def _little_to_score(monkeypatch):
     monkeypatch.setattr(scores, "SCORED_SAMPLES", 2)
     monkeypatch.setattr(scores, "MODE_STARTS", 2)
     monkeypatch.setattr(scores, "MODE_DRAWS", 2)
+    monkeypatch.setattr(scores, "TRIALS", 2)
     monkeypatch.setattr(scores, "rollout", _short)
     monkeypatch.setattr(choice, "FRONTIER_ROWS", 128)
     monkeypatch.setattr(choice, "FACTORS", (1.0, 100.0))
