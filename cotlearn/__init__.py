@@ -1,4 +1,4 @@
-"""cotlearn: flow matching with couplings that know the condition."""
+"""cotlearn: flow matching with optimal-transport couplings under a condition."""
 
 from cotlearn import renamed as renamed  # old names of modules keep working
 

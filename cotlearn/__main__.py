@@ -1,4 +1,4 @@
-"""Lets `python -m cotlearn` do what the command `cotlearn` does."""
+"""Makes `python -m cotlearn` run the command `cotlearn`."""
 
 from cotlearn.cli import main
 

@@ -1,7 +1,7 @@
 """Finds the notebooks and data of the course by name, in a checkout or an installed wheel.
 
-Data files are compared with the SHA-256 sums in `data/SHA256SUMS` when they are found. After a
-change of the data, `python -m cotlearn.assets` writes that file anew.
+A data file is checked against its SHA-256 sum in `data/SHA256SUMS` when it is looked up. After a
+change of the data, `python -m cotlearn.assets` rewrites `data/SHA256SUMS`.
 """
 
 import difflib
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from cotlearn.files import write_text
 
-#: In the folder `data/`: one line a file, in the format of the program `sha256sum`.
+#: In the folder `data/`: one line per file, in the format of the program `sha256sum`.
 SUMS = "SHA256SUMS"
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -20,7 +20,7 @@ _NUMBERED = re.compile(r"\d\d_.*\.ipynb")
 
 
 def checkout() -> Path | None:
-    """Returns the root of the checkout that this package is imported from; None for a wheel."""
+    """Returns the root of the checkout that this package is imported from, or None in a wheel."""
     root = _PACKAGE.parent
     if (root / "pyproject.toml").is_file() and (root / "course.py").is_file():
         return root
@@ -33,7 +33,7 @@ def course_folder() -> Path:
 
 
 def notebooks() -> list[Path]:
-    """Returns the numbered notebooks of the course, in the order of reading."""
+    """Returns the numbered notebooks of the course in reading order."""
     folder = course_folder() / "notebooks"
     return sorted(path for path in folder.glob("*.ipynb") if _NUMBERED.fullmatch(path.name))
 
@@ -49,7 +49,7 @@ def find_notebook(name: str) -> Path:
         The path of an existing notebook.
 
     Raises:
-        ValueError: If there is none; the message lists near matches and those there are.
+        ValueError: If there is no such notebook; the message lists close matches and all notebooks.
     """
     path = Path(name).expanduser()
     if path.suffix == ".ipynb" and path.is_file():
@@ -64,17 +64,19 @@ def find_notebook(name: str) -> Path:
 
 
 def find_data(name: str) -> Path:
-    """Finds a file of the course's `data/` folder, and checks that it is whole.
+    """Finds a file in the course's `data/` folder and checks its SHA-256.
+
+    Demonstrations and weights are listed in `data/SHA256SUMS` and are checked; results and texts
+    are not.
 
     Args:
         name: The path relative to `data/`, with forward slashes.
 
     Returns:
-        The path of an existing file. It has the SHA-256 that `data/SHA256SUMS` gives, if it is
-        listed there: demonstrations and weights are, results and texts are not.
+        The path of an existing file.
 
     Raises:
-        ValueError: If there is no such file, `name` leads out of the folder, or the file is
+        ValueError: If there is no such file, `name` points outside the folder, or the file is
             damaged.
     """
     files = _data_files()
@@ -84,8 +86,8 @@ def find_data(name: str) -> Path:
         raise ValueError(_not_found("data file", name, sorted(files), wanted=name))
     if sums().get(listed) not in (None, _sha256(path)):
         raise ValueError(
-            f"data/{listed} is damaged: its SHA-256 is not the one in data/{SUMS}; to get the "
-            f"file again: {remedy(listed)}"
+            f"data/{listed} is damaged: its SHA-256 is not the one in data/{SUMS}; to restore the "
+            f"file: {remedy(listed)}"
         )
     return path
 
@@ -96,21 +98,21 @@ def data_folder() -> Path:
 
 
 def sums() -> dict[str, str]:
-    """Returns the SHA-256 that each file of `data/` should have, by name; the listed ones."""
+    """Returns the expected SHA-256 of each file listed in `data/SHA256SUMS`, by name."""
     path = data_folder() / SUMS
     lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
     return {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
 
 
 def measured_sums() -> dict[str, str]:
-    """Returns the SHA-256 that each file of `data/` has, except results, texts and hidden files."""
+    """Returns the actual SHA-256 of all files in `data/` but results, texts and hidden files."""
     without = re.compile(r"results/.*|.*\.md|(.*/)?\..*|" + SUMS)
     found = sorted(_data_files().items())
     return {name: _sha256(path) for name, path in found if not without.fullmatch(name)}
 
 
 def write_sums() -> Path:
-    """Writes `data/SHA256SUMS` anew, from the files as they are now, and returns its path."""
+    """Rewrites `data/SHA256SUMS` from the current files and returns its path."""
     path = data_folder() / SUMS
     text = "".join(f"{digest}  {name}\n" for name, digest in measured_sums().items())
     write_text(path, text)
@@ -118,7 +120,7 @@ def write_sums() -> Path:
 
 
 def remedy(name: str) -> str:
-    """Returns the command that gets the data file `name` again."""
+    """Returns the shell command that restores the data file `name`."""
     if checkout() is not None:
         return f"git checkout -- data/{name}"
     return "pip install --force-reinstall --no-deps cotlearn"
@@ -135,13 +137,13 @@ def _sha256(path: Path) -> str:
 
 
 def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Copies notebooks and homework into `folder`, and never over a file that is already there.
+    """Copies notebooks and homework into `folder` without overwriting existing files.
 
     Args:
-        folder: Where to; made if it does not exist.
+        folder: The destination; created if it does not exist.
 
     Returns:
-        The notebooks that were copied, and those that were kept as they are.
+        The paths that were copied, and the existing paths that were kept.
 
     Raises:
         ValueError: If `folder` is a file.

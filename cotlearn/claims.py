@@ -1,16 +1,15 @@
-"""Claims: sentences of the course that a cell asserts on every run."""
+"""Claims: sentences of the course that a notebook cell asserts on every run."""
 
-#: How a claim that holds is printed; the notebook runner counts lines that begin like this.
+#: Prefix of a printed claim; the notebook runner counts the lines that start with it.
 HOLDS = "✓ claim: "
 
 
 def claim(sentence: str, holds: bool) -> None:
-    """Prints a claim that holds and stops the notebook at one that does not.
+    """Prints a claim if it holds; otherwise raises an error, which stops the notebook.
 
     Args:
-        sentence: The claim in words, best with the measured numbers in it.
-        holds: Whether the claim is true. Anything with a single truth value: `bool`, a NumPy bool,
-            a tensor with one element.
+        sentence: The claim in words, preferably with the measured numbers.
+        holds: Whether the claim is true: a `bool`, a NumPy bool or a tensor with one element.
 
     Raises:
         AssertionError: If the claim does not hold.
@@ -38,5 +37,5 @@ def claim(sentence: str, holds: bool) -> None:
 
 
 def count_claims(text: str) -> int:
-    """Counts the claims that `text`, the printed output of a notebook, says to hold."""
+    """Counts the claims in `text`, the printed output of a notebook."""
     return sum(line.startswith(HOLDS) for line in text.splitlines())

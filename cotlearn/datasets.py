@@ -1,4 +1,4 @@
-"""Finite data: arrays and files as a data set, data that nobody here made, data without labels."""
+"""Finite data sets, scikit-learn's data as conditional tasks, and data without their condition."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Rows = Any  #: a tensor or an array of shape (rows, columns)
 
 @dataclass(frozen=True)
 class Standardiser:
-    """Columns to mean 0 and standard deviation 1, and back; constant columns become 0.
+    """Scales columns to mean 0 and standard deviation 1, and back; constant columns become 0.
 
     Attributes:
-        mean: (k,), of each column of the rows that it was fitted to.
-        std: (k,), exactly 0 for a constant column.
+        mean: (k,), mean of each column.
+        std: (k,), standard deviation of each column, exactly 0 for a constant column.
     """
 
     mean: Rows
@@ -30,20 +30,20 @@ class Standardiser:
 
     @classmethod
     def fit(cls, rows: Rows) -> Standardiser:
-        """Mean and population standard deviation of rows (n, k), a tensor or an array."""
+        """Take mean and population standard deviation from rows (n, k), a tensor or an array."""
         std = rows.std(0, unbiased=False) if isinstance(rows, Tensor) else rows.std(0)
-        varies = (rows != rows[0]).any(0)  # where not, rounding can make std a little more than 0
+        varies = (rows != rows[0]).any(0)  # rounding can give constant columns a std above 0
         return cls(rows.mean(0), std * varies)
 
     def __call__(self, rows: Rows) -> Rows:
-        """Rows (n, k) in standard units."""
+        """Standardise rows (n, k)."""
         if rows.shape[1] != len(self.mean):
-            raise ValueError(f"{rows.shape[1]} columns came, this was fitted on {len(self.mean)}")
+            raise ValueError(f"rows must have {len(self.mean)} columns, got {rows.shape[1]}")
         varies = self.std > 0
         return (rows - self.mean) * varies / (self.std + ~varies)
 
     def inverse(self, rows: Rows) -> Rows:
-        """Rows (n, k) in the units of the data."""
+        """Return standardised rows (n, k) to the units of the data."""
         return rows * self.std + self.mean
 
 
@@ -53,8 +53,8 @@ class Dataset:
 
     Attributes:
         x1: (N, d), floating point and finite.
-        c: (N, k), or None where there is no condition.
-        name: how to call it in figures.
+        c: (N, k), or None if there is no condition.
+        name: label in figures and checkpoints.
     """
 
     x1: Tensor
@@ -88,12 +88,12 @@ class Dataset:
         return self.x1[rows], None if self.c is None else self.c[rows]
 
     def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
-        """For each row of c draw one of the rows with exactly that condition, shape (n, d).
+        """For each row of c (n, k) draw a data row with exactly that condition, shape (n, d).
 
-        Within one condition rows are drawn without replacement as long as they last.
+        Within one condition, rows are drawn without replacement until all have been drawn.
 
         Raises:
-            ValueError: no row of the data has that condition.
+            ValueError: no data row has the condition, or the data have no conditions.
         """
         if self.c is None:
             raise ValueError("this data set has no condition: use sample(n)")
@@ -111,7 +111,7 @@ class Dataset:
         return x1
 
     def conditions(self, n: int = 9) -> Tensor:
-        """The distinct conditions if at most 64, else n rows of c spread over the data."""
+        """The distinct conditions if there are at most 64, else n rows of c, evenly spaced."""
         if self.c is None:
             raise ValueError("this data set has no condition")
         distinct = torch.unique(self.c, dim=0).flip(0)
@@ -122,7 +122,7 @@ class Dataset:
 
 @dataclass(frozen=True)
 class Unconditional:
-    """The same data with the condition left out: `sample` returns (x1, None)."""
+    """Data without their condition: `sample` returns (x1, None)."""
 
     data: Any
     name: str
@@ -135,7 +135,7 @@ class Unconditional:
 
 
 def unconditional(data: Any) -> Unconditional | Dataset:
-    """Leave the condition of `data` out; finite data stay finite."""
+    """Remove the condition of `data`; a `Dataset` stays a `Dataset`."""
     name = f"{data.name} without condition"
     if isinstance(data, Dataset):
         return Dataset(data.x1, None, name)
@@ -143,12 +143,12 @@ def unconditional(data: Any) -> Unconditional | Dataset:
 
 
 def digits(split: str = "all") -> Dataset:
-    """scikit-learn's handwritten digits: 1,797 real 8 x 8 images with their label as condition.
+    """scikit-learn's handwritten digits: 1,797 images of 8 x 8 pixels with one-hot labels.
 
-    x1 has shape (n, 64), grey values scaled from 0..16 to [-1, 1]; c is one-hot of shape (n, 10).
+    x1 has shape (n, 64), with grey values scaled from 0..16 to [-1, 1]; c is one-hot, (n, 10).
 
     Args:
-        split: "all"; or "train" (every image but each fourth) and "test" (each fourth image).
+        split: "all", "test" (every fourth image) or "train" (the other images).
     """
     from sklearn.datasets import load_digits
 
@@ -165,20 +165,23 @@ SKLEARN_TASKS = ("digits_lower", "diabetes", "breast_cancer", "flower")  #: see 
 
 
 def sklearn_task(name: str) -> tuple[Dataset, Dataset]:
-    """Data of scikit-learn as conditional tasks: training rows and held-out rows.
+    """Data of scikit-learn as conditional tasks, as training data and held-out data.
 
     - digits_lower: the lower half of a digit (32 grey values) given the upper half; 1,797 rows.
     - diabetes: disease progression, body mass and blood pressure of a patient given eight other
       measurements; 442 rows.
     - breast_cancer: 30 measurements of a tumour given its diagnosis, two labels; 569 rows.
-    - flower: the two colour differences of a pixel of a photograph (blue and red against
-      brightness) given the brightness of the nine pixels around; 6,000 pixels.
+    - flower: the two colour differences of a photograph's pixel (blue and red minus brightness)
+      given the brightness of the 3 x 3 pixels around it; 6,000 pixels.
 
-    Columns of x1 and of numeric conditions are standardised; of images all by one number, because
-    a corner that is nearly always white should stay so. Each fourth row is held out.
+    Columns of x1 and of numeric conditions are standardised. Grey values and brightness share one
+    scale, so that pixels that hardly vary are not amplified. Every fourth row is held out.
 
     Args:
         name: one of `SKLEARN_TASKS`.
+
+    Returns:
+        The training and the held-out `Dataset`.
     """
     from sklearn import datasets
 
@@ -203,7 +206,7 @@ def sklearn_task(name: str) -> tuple[Dataset, Dataset]:
 
 
 def _flower(image: Array) -> tuple[Array, Array]:
-    """Colour differences (6000, 2) and brightness around (6000, 9) of pixels of an image."""
+    """Colour differences (6000, 2) and 3 x 3 brightness (6000, 9) of random pixels of an image."""
     red, green, blue = np.moveaxis(image.astype(np.float64) / 255, 2, 0)
     light = 0.299 * red + 0.587 * green + 0.114 * blue  # ITU-R BT.601
     around = np.lib.stride_tricks.sliding_window_view(light, (3, 3)).reshape(-1, 9)

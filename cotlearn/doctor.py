@@ -1,4 +1,4 @@
-"""What `cotlearn doctor` looks at: Python, packages, processor, rendering, data, disk."""
+"""The checks of `cotlearn doctor`: Python, packages, processor, rendering, data, disk."""
 
 import io
 import os
@@ -15,19 +15,19 @@ from packaging.specifiers import SpecifierSet
 
 from cotlearn import assets
 
-FREE_DISK = 1.0  #: GB; the course itself writes little
+FREE_DISK = 1.0  #: GB that should be free; the course itself writes little
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at.
+    """The result of one check.
 
     Attributes:
-        name: what it is.
-        found: how it is.
-        ok: whether that will do.
+        name: what was checked.
+        found: the state that was found.
+        ok: whether that state is good enough.
         required: whether the course needs it.
-        remedy: the command that fixes it.
+        remedy: a command that fixes it.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Finding:
 
 
 def examine() -> list[Finding]:
-    """Looks at everything; takes a few seconds."""
+    """Runs all checks, which takes a few seconds."""
     return [
         check_python(),
         *check_packages(),
@@ -63,10 +63,9 @@ def check_python() -> Finding:
 
 
 def check_packages() -> list[Finding]:
-    """Compares each installed package with the range that the package asks for.
+    """Compares the version of each dependency with the range that cotlearn supports.
 
-    The packages of the extra `course` are required in a checkout; where only the library was
-    installed they are good to have.
+    The packages of the extra `course` are required in a checkout and optional otherwise.
     """
     root, findings = assets.checkout(), []
     for wanted in map(Requirement, metadata.requires("cotlearn") or []):
@@ -93,7 +92,7 @@ def check_packages() -> list[Finding]:
 
 
 def check_processor() -> Finding:
-    """Counts cores and the threads that torch would use."""
+    """Counts the cores and torch's threads."""
     found = f"{platform.machine()}, {os.cpu_count()} cores"
     if find_spec("torch") is not None:
         import torch
@@ -122,7 +121,7 @@ def check_matplotlib() -> Finding:
 
 
 def check_mujoco() -> Finding:
-    """Finds out what draws pictures of the robot arm; matplotlib's are plainer than MuJoCo's."""
+    """Finds the backend that renders the robot arm; matplotlib is a plainer fallback for MuJoCo."""
     try:
         from cotlearn.robots.arm.rendering import backend
 
@@ -151,7 +150,7 @@ def check_data() -> Finding:
 
 
 def check_disk() -> Finding:
-    """Looks at the free space where the course is."""
+    """Checks the free space on the disk that holds the course."""
     folder = assets.course_folder()
     free = shutil.disk_usage(folder if folder.exists() else Path.cwd()).free / 1e9
     remedy = "free some space, for example with: pip cache purge"

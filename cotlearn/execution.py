@@ -1,4 +1,4 @@
-"""Executes notebooks without a browser, in the Python that this package is installed in."""
+"""Executes notebooks without a browser, in the current Python environment."""
 
 import os
 import re
@@ -20,15 +20,15 @@ from cotlearn.progress import progress_bar
 
 @dataclass(frozen=True)
 class Run:
-    """What happened when a notebook was executed.
+    """The result of executing a notebook.
 
     Attributes:
-        path: where the notebook is.
-        notebook: with the new outputs.
-        seconds: from start to end.
-        claims: how many held.
-        failed: the cell at which it stopped, counted from 0 among all cells; None if it did not.
-        error: why it stopped: a traceback, or a sentence.
+        path: path of the notebook.
+        notebook: the notebook with its new outputs.
+        seconds: run time.
+        claims: number of claims that held.
+        failed: index of the failed cell, from 0 among all cells; None if no cell failed.
+        error: a traceback or a sentence; empty if no cell failed.
     """
 
     path: Path
@@ -42,14 +42,14 @@ class Run:
 def execute(path: Path, *, timeout: int = 300) -> Run:
     """Executes a notebook from top to bottom in a fresh kernel.
 
-    The kernel is the Python that runs this function, whatever kernels are registered on the
-    machine. Progress bars inside the notebook are off (`COTLEARN_PROGRESS=0`), and it computes
-    on one core unless `OMP_NUM_THREADS` says otherwise: the course's networks are so small that
-    threads cost more time than they save.
+    The kernel runs the same Python as this function, whichever kernels are registered on the
+    machine. Progress bars in the notebook are off (`COTLEARN_PROGRESS=0`). The notebook uses one
+    core unless `OMP_NUM_THREADS` is set: the course's networks are so small that threads cost more
+    time than they save.
 
     Args:
-        path: The notebook; it is read, not changed.
-        timeout: Most seconds for one cell; at least 1.
+        path: The notebook; the file is not changed.
+        timeout: Time limit for each cell in seconds, at least 1.
 
     Returns:
         The executed notebook, the time it took, the claims that held and the failure, if any.
@@ -113,13 +113,13 @@ def read(path: Path) -> nbformat.NotebookNode:
         raise ValueError(f"there is no notebook at {path}") from None
     except OSError as error:
         raise ValueError(f"{path.name} cannot be read: {error.strerror}") from None
-    except Exception as error:  # nbformat fails in many ways on what is no notebook
+    except Exception as error:  # nbformat raises many kinds of errors for other files
         problem = f"it is empty or damaged, or another kind of file ({str(error)[:200]})"
     raise ValueError(f"{path.name} is not a readable notebook: {problem}")
 
 
 def store(run: Run) -> None:
-    """Writes the executed notebook over the original; the old file stays whole until the end."""
+    """Atomically replaces the original notebook by the executed one."""
     run.notebook.metadata.setdefault("language_info", {}).pop("version", None)
     run.notebook.metadata.pop("widgets", None)
     text = nbformat.writes(run.notebook)
@@ -127,11 +127,11 @@ def store(run: Run) -> None:
 
 
 def to_html(run: Run, folder: Path) -> Path:
-    """Writes the executed notebook as a page to read.
+    """Writes the executed notebook as an HTML page.
 
     Args:
         run: An executed notebook.
-        folder: Where to; made if it does not exist.
+        folder: The destination; created if it does not exist.
 
     Returns:
         The path of the page.
@@ -146,7 +146,7 @@ def to_html(run: Run, folder: Path) -> Path:
 
 
 def write_index(runs: list[Run], folder: Path) -> Path:
-    """Writes a page that links to the pages of `runs`, with time and claims of each."""
+    """Writes `index.html` with links to the pages of `runs`, and returns its path."""
     lines = ["# cotlearn\n"]
     for run in runs:
         end = f"; stopped at cell {run.failed}" if run.error else ""
@@ -173,7 +173,7 @@ def _as_html(notebook: nbformat.NotebookNode, name: str) -> str:
 
 
 def _kernel_manager() -> AsyncKernelManager:
-    # Without folders it knows only the Python that runs now, and no other kernel of the machine.
+    # Without folders, the only kernel is the current Python.
     specs = KernelSpecManager(kernel_dirs=[])
     manager = AsyncKernelManager(kernel_name="python3", kernel_spec_manager=specs)
     # Newer kernels warn about a connection without encryption, and newer managers can encrypt.
@@ -183,6 +183,6 @@ def _kernel_manager() -> AsyncKernelManager:
 
 
 def _outputs(cell: nbformat.NotebookNode, kind: str) -> str:
-    """What a cell printed to "stdout", or the traceback of its "error"."""
+    """A cell's printed text (kind "stdout") or its traceback (kind "error")."""
     outputs = [item for item in cell.outputs if kind in (item.get("name"), item.output_type)]
     return "\n".join(item.get("text") or "\n".join(item.traceback) for item in outputs)

@@ -1,4 +1,4 @@
-"""Files written atomically: whoever reads one sees the old or the new file, whole."""
+"""Atomic writes: a reader sees either the complete old file or the complete new one."""
 
 import contextlib
 import os
@@ -9,10 +9,10 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path` that replaces it when the block ends without an error.
+    """Yield a temporary path that replaces `path` when the block ends without an error.
 
-    A process that is killed leaves the old file as it was. Missing folders are made; the new file
-    has the permissions of the old one, or of any new file.
+    A killed process leaves the old file unchanged. Missing folders are created. The new file gets
+    the permissions of the old one, or the default ones.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -28,6 +28,6 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
 
 def write_text(path: str | Path, text: str, *, encoding: str = "utf-8") -> None:
-    """Writes `text` atomically, with the same line ends on every system."""
+    """Writes `text` atomically, with the same line endings on every system."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding=encoding, newline="")

@@ -1,10 +1,10 @@
 """The exactly solvable case: conditional optimal transport between Gaussians, without a network.
 
 Let c ~ N(0, S_c), x1 | c ~ N(A c + b, S) and x0 ~ N(0, I). The conditional coupling with weight
-g between (x0, g c0) and (x1, g c1) is then the linear (Bures) map between two Gaussians, so
-(x0, x1, c) is jointly Gaussian, the velocity is affine, and every error is a formula. Batches are
-infinite here: g -> infinity is optimal transport within each condition, and the independent
-coupling is a curve of its own. Everything is float64 numpy.
+g between (x0, g c0) and (x1, g c1) is then the linear (Bures) map between two Gaussians. So
+(x0, x1, c) is jointly Gaussian, the velocity is affine, and every error has a closed form. Batches
+are infinite here: g -> infinity is optimal transport within each condition, not the independent
+coupling. All arrays are float64 numpy.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cotlearn.validation import check_array, check_choice, check_count, check_nu
 
 Array = NDArray[np.float64]
 
-LARGEST_WEIGHT = 1e12  #: up to this g^2 c^2 six digits of every error survive rounding
+LARGEST_WEIGHT = 1e12  #: g^2 c^2 up to which every error has six correct digits
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class LinearGaussian:
 
     @classmethod
     def example(cls) -> LinearGaussian:
-        """The case of the course: d = 2, k = 1, A = (1.5, 0.5)', b = 0, S_c = 1."""
+        """The example of the course: d = 2, k = 1, A = (1.5, 0.5)', b = 0, S_c = 1."""
         return cls(
             A=np.array([[1.5], [0.5]]),
             b=np.zeros(2),
@@ -80,11 +80,13 @@ class LinearGaussian:
         """The flow that an infinitely large network learns from a coupling.
 
         Args:
-            g: weight of the condition's distance in the conditional coupling, the g of COT Policy
-                (2505.01179): condition_weight = g^2. 0 is naive optimal transport, math.inf is
-                optimal transport within each condition; or "independent". Finite values up to
-                1e6 (for S_c = 1) can be resolved.
+            g: COT Policy's g (2505.01179), condition_weight = g^2. 0 is naive optimal transport,
+                math.inf optimal transport within each condition; or "independent". Finite values
+                may be at most 1e6 (for S_c = 1).
             label: "target" gives the network the condition of x1, "source" that of x0.
+
+        Raises:
+            ValueError: g is negative, too large or an unknown name, or label is unknown.
         """
         by_source = check_choice(label, "label", ("target", "source")) == "source"
         d, k = self.A.shape
@@ -96,14 +98,14 @@ class LinearGaussian:
             x0_x1 = np.zeros((d, d))
         elif math.isinf(g := check_number(g, "g", infinite=True)):
             x0_x1 = _sqrtm(self.S)  # x1 = A c + b + S^(1/2) x0, whichever condition is the label
-        elif g == 0:  # the map of x alone, from N(0, I)
+        elif g == 0:  # the map from N(0, I) ignores c
             x0_x1 = _sqrtm(x1_x1)
-            if by_source:  # c0 was drawn without looking at x0 or x1
+            if by_source:  # c0 is independent of x0 and x1
                 x1_c = np.zeros((d, k))
-            else:  # c follows x1 by the joint law
+            else:  # x0 depends on c through x1
                 x0_c = x0_x1 @ np.linalg.solve(x1_x1, x1_c)
         elif g**2 * np.linalg.eigvalsh(self.S_c).max() > LARGEST_WEIGHT:
-            raise ValueError(f"g = {g:.3g} is too large to compute with; use math.inf")
+            raise ValueError(f"g is too large for float64, got {g:.3g}; use math.inf")
         else:
             scale = linalg.block_diag(np.eye(d), g * np.eye(k))
             source = linalg.block_diag(np.eye(d), g**2 * self.S_c)
@@ -123,7 +125,7 @@ class AffineFlow:
     """The flow of a joint Gaussian (x0, x1, c): v(t, x, c) = F(t) x + G(t) c + f(t).
 
     Attributes:
-        problem: the law of (x1, c) that the flow should reach.
+        problem: the law of (x1, c), the target of the flow.
         joint: covariance of (x0, x1, c), shape (2d + k, 2d + k).
     """
 
@@ -131,7 +133,7 @@ class AffineFlow:
     joint: Array
 
     def skew(self) -> float:
-        """E_c W2^2(p(x0 | c), N(0, I)): how far training noise is from the noise of test time."""
+        """E_c W2^2(p(x0 | c), N(0, I)): the distance of training noise from test-time noise."""
         d = len(self.problem.b)
         x0_c = self.joint[:d, 2 * d :]
         slope = np.linalg.solve(self.problem.S_c, x0_c.T).T
@@ -139,7 +141,7 @@ class AffineFlow:
         return float(np.trace(slope @ x0_c.T) + bures_squared(covariance, np.eye(d)))
 
     def one_step_variance(self) -> float:
-        """E tr Var(x1 | x0, c): what a one-step model must average over."""
+        """E tr Var(x1 | x0, c): the variance that a one-step model averages out."""
         d = len(self.problem.b)
         seen = np.r_[0:d, 2 * d : len(self.joint)]
         gain = self.joint[d : 2 * d, seen] @ np.linalg.pinv(self.joint[np.ix_(seen, seen)])
@@ -208,16 +210,17 @@ class AffineFlow:
         return np.reshape(end.y[:, -1], (d, -1))
 
     def _derivative(self, t: float, M: Array) -> Array:
-        """Of M in x = M (x0, c, 1): x is affine in the noise it came from and in c."""
+        """dM/dt for x_t = M (x0, c, 1): the state is affine in its initial noise and in c."""
         F, G, f = self.coefficients(t)
         return F @ M + np.column_stack([np.zeros_like(F), G, f])
 
 
 def bures_map(source: Array, target: Array) -> Array:
-    """The symmetric matrix M with M source M = target: the optimal map from N(0, source).
+    """The symmetric M with M source M = target: the optimal map N(0, source) -> N(0, target).
 
-    Both are positive definite. The root of R target R, R^2 = source, comes from the singular
-    values of R L, L L^T = target: forming the product would lose twice as many digits.
+    Both matrices (d, d) must be positive definite. With R^2 = source and L L^T = target, the root
+    of R target R is computed from the singular values of R L, because forming R target R would lose
+    twice as many digits.
     """
     source = _positive_definite(source, "source")
     target = _positive_definite(target, "target", len(source))
@@ -228,7 +231,7 @@ def bures_map(source: Array, target: Array) -> Array:
 
 
 def bures_squared(first: Array, second: Array) -> float:
-    """Squared W2 between N(0, first) and N(0, second)."""
+    """Squared W2 between N(0, first) and N(0, second), both (d, d)."""
     first = _symmetric(first, "first")
     second = _symmetric(second, "second", len(first))
     root = _sqrtm(first)
@@ -237,7 +240,7 @@ def bures_squared(first: Array, second: Array) -> float:
 
 
 def _sqrtm(matrix: Array) -> Array:
-    """Root of a symmetric positive semi-definite matrix (rounding below zero is cut off)."""
+    """Root of a symmetric positive semi-definite matrix; negative rounding errors become 0."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
     root: Array = (vectors * np.sqrt(values.clip(min=0))) @ vectors.T
     return root

@@ -1,4 +1,4 @@
-"""How good samples are: distances between samples, straightness of paths, intervals."""
+"""Metrics: distances between samples, straightness of paths, confidence intervals."""
 
 from collections.abc import Callable
 from typing import Protocol, TypeAlias
@@ -13,26 +13,26 @@ from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.couplings.base import squared_distances, to_numpy
 
-CONFIDENCE = 0.95  #: of every interval
-STEPS = 64  #: of Euler, which trace the paths of `straightness`
-#: Draws one row for each row of c: `sample(c, generator=g)` of shape (n, d).
+CONFIDENCE = 0.95  #: level of all intervals
+STEPS = 64  #: Euler steps of `straightness`
+#: `sample(c, generator=g)` draws one row for each row of c, shape (n, d).
 ConditionalSampler: TypeAlias = Callable[..., Tensor]
 
 
 class ConditionalData(Protocol):
-    """Data that can be sampled under a given condition."""
+    """Data that can be sampled given a condition."""
 
     def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
-        """One x for each row of c."""
+        """Draw one x for each row of c (n, k), shape (n, d)."""
         ...
 
     def conditions(self, n: int = 9) -> Tensor:
-        """Conditions to evaluate on."""
+        """Conditions to evaluate on, shape (m, k)."""
         ...
 
 
 def squared_w2(a: Tensor, b: Tensor) -> float:
-    """The squared 2-Wasserstein distance between two samples, exactly.
+    """The exact squared 2-Wasserstein distance between two samples.
 
     Args:
         a: (n, d).
@@ -52,9 +52,9 @@ def squared_w2(a: Tensor, b: Tensor) -> float:
 def joint_squared_w2(a: Tensor, b: Tensor, c: Tensor) -> float:
     """Squared W2 between samples a and b of the same conditions c, jointly with c.
 
-    The condition's squared distance weighs 100 times the sample's on average, so much that samples
-    hardly leave theirs. It serves where c is continuous and each value comes once; where there are
-    many samples of each condition, `conditional_squared_w2` says more.
+    The squared distance of conditions weighs 100 times that of samples on average, so that samples
+    are hardly matched across conditions. Use it for continuous c, where each value occurs once;
+    with many samples per condition, `conditional_squared_w2` is more informative.
 
     Args:
         a: (n, d).
@@ -81,8 +81,8 @@ def conditional_squared_w2(
 ) -> float:
     """Squared W2 between n samples and n fresh samples of p(x | c), averaged over conditions.
 
-    Even perfect samples do not reach 0, because two finite samples differ. The floor is
-    `conditional_squared_w2(data.sample_given, data, ...)`: print it beside the value.
+    Two finite samples of the same law differ, so even perfect samples do not reach 0. Report the
+    floor, `conditional_squared_w2(data.sample_given, data, ...)`, beside the value.
 
     Args:
         sample: sample(c, generator=g) draws one row for each row of c.
@@ -102,20 +102,20 @@ def conditional_squared_w2(
 def l2_uvp(mapped: Tensor, truth: Tensor, *, variance: float | None = None) -> float:
     """The unexplained variance of a map in percent, 100 E|T - T*|^2 / Var (Korotin 2106.01954).
 
-    0 is the true map, 100 is no better than its mean.
+    0 means the true map; 100 is no better than the constant map to the mean.
 
     Args:
         mapped: (n, d), T of some points.
         truth: (n, d), T* of the same points.
-        variance: the trace of the data's covariance, with a condition averaged over conditions;
-            that of `truth` if None.
+        variance: the trace of the data's covariance, averaged over conditions if there are any; if
+            None, the variance of `truth`.
     """
     validation.check_matrix(mapped, "mapped")
     validation.check_matrix(truth, "truth", columns=mapped.shape[1])
     validation.check_same_rows(mapped, "mapped", truth, "truth")
     if variance is None:
         if len(truth) < 2:
-            raise ValueError("variance is missing, and one row of truth does not tell it")
+            raise ValueError("variance is missing: it needs at least 2 rows of truth, got 1")
         variance = float(truth.double().var(dim=0).sum())
     error = (mapped.double() - truth.double()).square().sum(dim=1).mean()
     return 100 * float(error) / validation.check_positive(variance, "variance")
@@ -124,7 +124,7 @@ def l2_uvp(mapped: Tensor, truth: Tensor, *, variance: float | None = None) -> f
 def energy_distance(a: Tensor, b: Tensor) -> float:
     """2 E|X - Y| - E|X - X'| - E|Y - Y'| between two samples (Szekely & Rizzo), unbiased.
 
-    Being unbiased it is about 0, and sometimes below, for two samples of the same law.
+    For two samples of the same law its mean is 0, so it can be negative.
 
     Args:
         a: (n, d), n at least 2.
@@ -150,8 +150,8 @@ def straightness(
     0 means that the paths are straight and one Euler step is exact.
 
     Args:
-        velocity: the field.
-        x0: (n, d) noise to start from.
+        velocity: the velocity field.
+        x0: (n, d) noise at t = 0.
         c: (n, k), or None.
     """
     validation.check_inputs(velocity, x0, c, "x0")
@@ -168,8 +168,8 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """Wilson's 95 % interval for a probability of success, both ends in [0, 1].
 
     Args:
-        successes: between 0 and trials.
-        trials: at least 1.
+        successes: number of successes, from 0 to trials.
+        trials: number of trials, at least 1.
     """
     validation.check_count(trials, "trials")
     validation.check_count(successes, "successes", minimum=0)
@@ -189,7 +189,7 @@ def bootstrap_interval(
     Args:
         values: one value per seed, episode or condition; at least 2.
         seed: of the resampling.
-        resamples: means that are drawn.
+        resamples: number of bootstrap means.
     """
     array = validation.check_array(np.ravel(values), "values", (None,))
     if len(array) < 2:
@@ -203,12 +203,12 @@ def paired_bootstrap(
 ) -> tuple[float, float, float]:
     """The mean of first - second, and its 95 % percentile bootstrap interval.
 
-    Training seeds and episodes are resampled independently, as crossed factors: every seed's
-    network is judged by the same episodes.
+    Training seeds and episodes are resampled independently, as crossed factors, because all seeds
+    are evaluated on the same episodes.
 
     Args:
         first: (seeds, episodes), scores of one method.
-        second: (seeds, episodes), of the other, for the same seeds and episodes.
+        second: (seeds, episodes), scores of another method on the same seeds and episodes.
         seed: of the resampling.
 
     Returns:
@@ -234,22 +234,22 @@ def _percentiles(means: NDArray[np.float64]) -> tuple[float, float]:
 def energy_score(samples: Tensor, truth: Tensor) -> float:
     """E|X - y| - E|X - X'| / 2, averaged over conditions (Gneiting & Raftery 2007, eq. 22).
 
-    A proper score: no law has a lower mean than the one that y comes from. It needs a single y for
-    each condition, and is unbiased.
+    This is a proper score: no law of X has a lower mean than the law of y. It needs only one y for
+    each condition, and the estimate is unbiased.
 
     Args:
         samples: (m, n, d), m at least 2 samples for each of n conditions.
-        truth: (n, d), what was observed.
+        truth: (n, d), the observation y for each condition.
     """
     return float(energy_scores(samples, truth).mean())
 
 
 def energy_scores(samples: Tensor, truth: Tensor) -> Tensor:
-    """`energy_score` of each condition, (n,): for paired comparisons and their intervals.
+    """`energy_score` of each condition, (n,), for paired comparisons and their intervals.
 
     Args:
         samples: (m, n, d), m at least 2 samples for each of n conditions.
-        truth: (n, d), what was observed.
+        truth: (n, d), the observation y for each condition.
     """
     validation.check_matrix(truth, "truth")
     if np.ndim(samples) != 3 or (m := len(samples)) < 2:
@@ -264,20 +264,20 @@ def energy_scores(samples: Tensor, truth: Tensor) -> Tensor:
 
 
 def mode_entropy(modes: ArrayLike) -> float:
-    """The entropy of the modes that samples take, in nats, averaged over conditions.
+    """The entropy of the samples' modes in nats, averaged over conditions.
 
-    0 where every condition has one mode; log K where K modes are equally frequent. The entropy of
-    the counts is a little too small, by about (K - 1) / (2 draws): compare it to that of
-    demonstrations with as many draws.
+    It is 0 if every condition has one mode, and log K if K modes are equally frequent. The entropy
+    of counts is biased by about -(K - 1) / (2 draws): compare it to the entropy of demonstrations
+    with equally many draws.
 
     Args:
-        modes: (conditions, draws), whole numbers; those below 0 are of failed draws and do not
-            count. A condition with failed draws alone has entropy 0.
+        modes: (conditions, draws), integers; a negative value is a failed draw and does not count.
+            A condition with only failed draws has entropy 0.
     """
     array = np.asarray(modes)
     if array.ndim != 2 or array.dtype.kind not in "iu" or array.size == 0:
         raise ValueError(
-            f"modes must be whole numbers of shape (conditions, draws), got {array.dtype} of "
+            f"modes must be integers of shape (conditions, draws), got {array.dtype} of "
             f"shape {array.shape}"
         )
     counts = [np.unique(row[row >= 0], return_counts=True)[1] for row in array]

@@ -1,4 +1,4 @@
-"""One progress bar for the whole course."""
+"""The progress bar of the whole course."""
 
 import os
 import sys
@@ -10,14 +10,14 @@ SWITCH = "COTLEARN_PROGRESS"  #: set to 0 to switch bars off, to 1 to force them
 
 
 def progress_bar(*, total: int, initial: int = 0, what: str = "", show: bool | None = None) -> Any:
-    """A tqdm bar, shown in terminals and notebooks.
+    """A tqdm progress bar, shown in terminals and notebooks.
 
     Args:
-        total: steps in all.
-        initial: steps done before.
-        what: a word before the bar.
-        show: True or False decides; None asks the environment variable COTLEARN_PROGRESS, then
-            whether somebody is watching.
+        total: total number of steps.
+        initial: steps that are already done.
+        what: label in front of the bar.
+        show: whether to show the bar; if None, the environment variable COTLEARN_PROGRESS decides
+            (0 hides it), and if that is not set, whether this is a terminal or a notebook.
     """
     if show is None:
         switch = os.environ.get(SWITCH)

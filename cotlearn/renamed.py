@@ -23,11 +23,11 @@ MODULES = {
 
 
 def renamed(module: str, names: dict[str, str]) -> Callable[[str], Any]:
-    """A `__getattr__` for a module: finds what used to be called otherwise, and warns.
+    """Make a `__getattr__` for a module that finds renamed objects and warns (FutureWarning).
 
     Args:
         module: `__name__` of the module.
-        names: old name -> new name, or "module:name" where it moved as well.
+        names: old name -> new name, or -> "module:name" if the object also moved.
     """
 
     def find(name: str) -> Any:
@@ -41,7 +41,7 @@ def renamed(module: str, names: dict[str, str]) -> Callable[[str], Any]:
 
 
 class _Moved(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Finds `MODULES` under their old names."""
+    """An import hook that finds `MODULES` under their old names."""
 
     def find_spec(
         self, fullname: str, path: Any = None, target: Any = None
@@ -56,7 +56,7 @@ class _Moved(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        """It has run already, under its new name."""
+        """Nothing to execute: the module was imported under its new name."""
         assert module.__spec__ is not None
         module.__spec__ = module.__spec__.loader_state
 

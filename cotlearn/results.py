@@ -1,4 +1,4 @@
-"""Results on disk: cells that are computed once, with the versions and the machine beside them."""
+"""Results on disk: cells that are computed once and stored with versions and machine."""
 
 import importlib.metadata
 import json
@@ -19,7 +19,7 @@ Say = Callable[[str], None]
 
 
 def machine(*packages: str) -> Values:
-    """Versions of Python, torch, numpy, scipy and other packages, and the hardware."""
+    """Versions of Python, torch, numpy, scipy and `packages`, and a description of the hardware."""
     names = ("torch", "numpy", "scipy", *packages)
     versions = {name: importlib.metadata.version(name) for name in names}
     return {
@@ -30,17 +30,17 @@ def machine(*packages: str) -> Values:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Writes a file atomically, innermost lists of numbers on one line."""
+    """Writes JSON atomically, with each innermost list of numbers on one line."""
     text = json.dumps(value, indent=1, allow_nan=False)
     text = re.sub(r"\[[^\[\]{}\"]*\]", lambda found: " ".join(found[0].split()), text)
     write_text(path, text + "\n")
 
 
 def read_json(path: Path, *keys: str) -> Values:
-    """Reads what `write_json` wrote; the keys must be there.
+    """Reads a file written by `write_json`, which must contain the keys.
 
     Raises:
-        ValueError: the file is damaged, or holds something else.
+        ValueError: the file is damaged or lacks a key.
     """
     try:
         found: Values = json.loads(path.read_text(encoding="utf-8"))
@@ -52,16 +52,16 @@ def read_json(path: Path, *keys: str) -> Values:
 
 
 class Store:
-    """Cells that are computed one after the other; an interrupted run goes on where it stopped.
+    """Abstract base class of stores: computes missing cells, and resumes after an interruption.
 
-    A kind of store has `holds(key)`, whether a cell is there, and `keep(key, values)`, which writes
-    one, with "seconds" and "cpu_seconds" among its values.
+    A subclass implements `holds(key)`, whether a cell is stored, and `keep(key, values)`, which
+    stores one; its values include "seconds" and "cpu_seconds".
     """
 
     def fill(
         self: Any, keys: Sequence[Any], compute: Callable[[Any], Values], *, say: Say = print
     ) -> None:
-        """Computes the cells that are missing, each stored at once."""
+        """Computes the missing cells one by one, and stores each as soon as it is done."""
         missing = [key for key in keys if not self.holds(key)]
         say(f"{len(keys)} cells, {len(keys) - len(missing)} done already")
         for number, key in enumerate(missing, start=1):
@@ -74,16 +74,16 @@ class Store:
 
 
 class Table(Store):
-    """Cells in one JSON file, each with its key.
+    """A store of cells in one JSON file.
 
     Args:
-        path: the file; cells that it holds already are not computed again.
-        question: what the table answers, one sentence.
-        command: that makes it.
-        protocol: everything that all cells share; JSON-compatible.
+        path: the file; the cells in it are not computed again.
+        question: the question that the table answers, one sentence.
+        command: the shell command that computes the table.
+        protocol: the settings shared by all cells; JSON-compatible.
 
     Raises:
-        ValueError: the file is damaged, or holds cells of another protocol.
+        ValueError: the file is damaged or was made with another protocol.
     """
 
     def __init__(self, path: Path, *, question: str, command: str, protocol: Values) -> None:
@@ -101,7 +101,7 @@ class Table(Store):
         }
 
     def holds(self, key: Values) -> bool:
-        """Whether a cell of this key is in the file."""
+        """Whether a cell with this key is in the file."""
         return any(cell["key"] == key for cell in self.document["cells"])
 
     def keep(self, key: Values, values: Values) -> None:
@@ -117,12 +117,12 @@ class Table(Store):
 
 
 class Folder(Store):
-    """One JSON file for each cell, so that several runs can work side by side.
+    """A store with one JSON file per cell, so that several processes can run in parallel.
 
     Args:
         path: the folder.
-        protocol: of all cells, as JSON gives it back.
-        read: makes a stored protocol comparable to it: old names, for instance.
+        protocol: the settings shared by all cells, as JSON returns them.
+        read: converts a stored protocol before it is compared, for instance from old names.
     """
 
     def __init__(
@@ -131,10 +131,10 @@ class Folder(Store):
         self.path, self.protocol, self.read = path, protocol, read
 
     def holds(self, key: str) -> bool:
-        """Whether there is a file of this protocol.
+        """Whether there is a file for this key.
 
         Raises:
-            ValueError: the file is damaged, or of another protocol.
+            ValueError: the file is damaged or was made with another protocol.
         """
         file = self.path / f"{key}.json"
         if not file.is_file():
@@ -146,5 +146,5 @@ class Folder(Store):
         return True
 
     def keep(self, key: str, values: Values) -> None:
-        """Writes the file."""
+        """Writes the file of a cell."""
         write_json(self.path / f"{key}.json", {"protocol": self.protocol, **values})

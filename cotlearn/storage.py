@@ -1,4 +1,4 @@
-"""Tensors on disk: safetensors, written atomically, with a digest that finds a damaged byte."""
+"""Tensors on disk: safetensors files, written atomically, with a digest that detects damage."""
 
 import hashlib
 import json
@@ -16,7 +16,7 @@ _KEY = "cotlearn"
 
 
 def save_tensors(path: str | Path, tensors: dict[str, Tensor], about: dict[str, Any]) -> None:
-    """Write named tensors and a JSON-compatible description, atomically."""
+    """Write named tensors and a JSON-compatible description `about` atomically."""
     # Clones, because safetensors refuses tensors that share memory, as tied weights do.
     tensors = {name: value.detach().cpu().clone().contiguous() for name, value in tensors.items()}
     record = json.dumps({"about": about, "sha256": digest(tensors, about)})
@@ -25,7 +25,7 @@ def save_tensors(path: str | Path, tensors: dict[str, Tensor], about: dict[str, 
 
 
 def load_tensors(path: str | Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Read what `save_tensors` wrote: the tensors and the description.
+    """Read the tensors and the description that `save_tensors` wrote.
 
     Raises:
         FileNotFoundError: there is no such file.

@@ -1,6 +1,6 @@
-"""Checks of arguments at the documented doors, one for each kind of argument.
+"""Checks of the arguments of public functions, one for each kind of argument.
 
-Each check names the argument, what came and what was expected.
+Each error message names the argument, the value that came and the value that was expected.
 """
 
 import itertools
@@ -18,7 +18,7 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None) -> Tensor
 
     Raises:
         TypeError: `value` is not a floating-point tensor.
-        ValueError: it has another shape, no rows, or values that are not finite.
+        ValueError: `value` has another shape, no rows, or values that are not finite.
     """
     if not isinstance(value, Tensor):
         raise TypeError(f"{name} must be a torch tensor, got {type(value).__name__}")
@@ -30,7 +30,7 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None) -> Tensor
         raise ValueError(f"{name} is empty: it has shape {tuple(value.shape)}")
     if columns is not None and value.shape[1] != columns:
         raise ValueError(f"{name} has {value.shape[1]} columns, expected {columns}")
-    if not math.isfinite(value.detach().sum()):  # quick; of large numbers the sum can be infinite
+    if not math.isfinite(value.detach().sum()):  # quick; large finite numbers can overflow, too
         bad = int((~torch.isfinite(value)).any(dim=1).sum())
         if bad:
             raise ValueError(f"{name} has NaN or infinite values in {bad} of {len(value)} rows")
@@ -38,9 +38,9 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None) -> Tensor
 
 
 def check_shape(value: Any, name: str, shape: tuple[int, ...], verb: str = "have") -> Tensor:
-    """Return `value` if it is a floating-point tensor of this shape, whatever its numbers.
+    """Return `value` if it is a floating-point tensor of this shape; its numbers are not checked.
 
-    For what a user's function returns `name` is the function and `verb` is "return".
+    For the result of a user's function, `name` is the function and `verb` is "return".
     """
     if not isinstance(value, Tensor) or not value.is_floating_point():
         got = value.dtype if isinstance(value, Tensor) else type(value).__name__
@@ -53,8 +53,12 @@ def check_shape(value: Any, name: str, shape: tuple[int, ...], verb: str = "have
 def check_condition(value: Any, name: str = "c", *, columns: int | None = None) -> Tensor:
     """Return a condition as a floating-point tensor of shape (n, columns).
 
-    Integer and bool tensors of shape (n, k) are taken as numbers; a vector of n labels is refused,
-    because the distance between labels 1 and 7 means nothing: make it one-hot.
+    Integer and bool tensors of shape (n, k) are converted to floats. A vector of n labels is
+    refused, because the distance between labels 1 and 7 means nothing: make it one-hot.
+
+    Raises:
+        TypeError: `value` is not a tensor of real numbers.
+        ValueError: `value` has another shape, no rows, or values that are not finite.
     """
     if isinstance(value, Tensor) and not value.is_floating_point() and not value.is_complex():
         value = value.to(torch.get_default_dtype())
@@ -78,14 +82,18 @@ def check_same_rows(first: Tensor, first_name: str, second: Tensor, second_name:
 
 
 def check_inputs(network: Any, x: Any, c: Any, name: str = "x") -> Any:
-    """Check what a network is about to be given, and return c as floating-point numbers, or None.
+    """Check the inputs of a network; return c as a floating-point tensor, or None.
 
     Args:
-        network: or data. Sizes are compared with its `dim` and `condition_dim`, if it has them,
-            and the type of numbers with that of its weights, if it is a module.
+        network: a network or data. Columns are compared with its `dim` and `condition_dim`, if it
+            has them; the dtype of x with its weights', if it is a module.
         x: (B, d), finite.
         c: (B, k), or None.
-        name: of x, for messages.
+        name: name of x in error messages.
+
+    Raises:
+        TypeError: x or c is not a floating-point tensor, or x has another dtype than the weights.
+        ValueError: a shape does not fit, values are not finite, or c is missing or not wanted.
     """
     check_matrix(x, name, columns=getattr(network, "dim", None))
     if isinstance(network, nn.Module):
@@ -105,7 +113,7 @@ def check_inputs(network: Any, x: Any, c: Any, name: str = "x") -> Any:
 
 
 def check_times(t: Any, x: Tensor) -> Tensor:
-    """Times t in [0, 1], a number or of shape (B,), as a tensor of shape (B,) like x."""
+    """Return t in [0, 1], a number or of shape (B,), as a tensor (B,) with x's dtype and device."""
     time = torch.as_tensor(t, dtype=x.dtype, device=x.device).detach()
     if time.ndim > 1 or (time.ndim == 1 and len(time) != len(x)):
         raise ValueError(f"t must be a number or have shape ({len(x)},), got {tuple(time.shape)}")
@@ -115,7 +123,7 @@ def check_times(t: Any, x: Tensor) -> Tensor:
 
 
 def check_array(value: Any, name: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
-    """Return real, finite numbers as a float64 array of this shape; None is any size above 0."""
+    """Return finite real numbers as a float64 array of this shape; None allows any size above 0."""
     try:
         array = np.asarray(value).astype(np.float64, casting="same_kind", copy=False)
     except (TypeError, ValueError):
@@ -140,7 +148,7 @@ def check_count(value: Any, name: str, *, minimum: int = 1) -> int:
 
 
 def check_number(value: Any, name: str, *, minimum: float = 0.0, infinite: bool = False) -> float:
-    """Return `value` as a float if it is a number of at least `minimum`, not NaN."""
+    """Return `value` as a float if it is a number of at least `minimum`; NaN is refused."""
     try:
         scalar = value.item() if hasattr(value, "item") else value  # of numpy or torch
     except (ValueError, RuntimeError):

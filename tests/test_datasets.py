@@ -97,7 +97,7 @@ def test_standardiser(kind):
     assert np.allclose(scaled.std(axis=0), [1, 1, 0])
     assert (standardise(rows + 1)[:, 2] == 0).all()  # the column did not vary when it was fitted
     assert np.allclose(standardise.inverse(standardise(rows)), table, atol=1e-5)
-    with pytest.raises(ValueError, match="2 columns came, this was fitted on 3"):
+    with pytest.raises(ValueError, match="rows must have 3 columns, got 2"):
         standardise(rows[:, :2])
 
 
