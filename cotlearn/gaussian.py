@@ -105,7 +105,7 @@ class LinearGaussian:
             else:  # x0 depends on c through x1
                 x0_c = x0_x1 @ np.linalg.solve(x1_x1, x1_c)
         elif g**2 * np.linalg.eigvalsh(self.S_c).max() > LARGEST_WEIGHT:
-            raise ValueError(f"g is too large for float64, got {g:.3g}; use math.inf")
+            raise ValueError(f"g = {g:.3g} is too large for float64; use math.inf")
         else:
             scale = linalg.block_diag(np.eye(d), g * np.eye(k))
             source = linalg.block_diag(np.eye(d), g**2 * self.S_c)
