@@ -1,1 +1,1 @@
-"""Policies: observe a short history, sample a chunk of actions, act; training and comparison."""
+"""Receding-horizon policies: sampling of action chunks, rollouts, training and comparison."""

@@ -1,9 +1,9 @@
-"""Policies that see: a picture and the place of the hand instead of the pose of the T.
+"""Visuomotor policies: they observe an image and the agent's position, not the pose of the T.
 
-The network is a convolutional encoder and a velocity field that is given what the encoder found.
-Both are trained end to end by the loss of the flow, and by a second one: the first four features
-must be the pose of the T, which is known in training and never shown. The velocity field looks at
-the chunk as if from the T, at the pose that the encoder believes in.
+The network is a convolutional encoder and a velocity field that takes the encoder's features. Both
+are trained end to end by the loss of the flow and by a second loss: the first four features must
+predict the pose of the T, which is known in training but not an input. The velocity field works in
+the frame of the T at the predicted pose.
 """
 
 import math
@@ -22,17 +22,17 @@ from cotlearn.robots.push_t.camera import AGENT, PLACE, SCENE, TURN, Camera
 from cotlearn.robots.push_t.task import GOAL, SIZE
 from cotlearn.validation import check_count
 
-POSE = 4  #: x, y, cosine and sine
-_UNIT = SIZE / 4  #: a length that counts as 1 in features
+POSE = 4  #: features of the pose: x, y, cosine and sine
+_UNIT = SIZE / 4  #: unit of length in the features, pixels
 
 
 class CameraNetwork(nn.Module):
-    """v(t, x, c) that looks at a scene c through a camera.
+    """A velocity field v(t, x, c) that observes the scene c through a camera.
 
     Args:
-        camera: takes the picture; or its attributes, as a file has them.
+        camera: a `Camera`, or its attributes as a dictionary.
         dim: d, columns of x, two for each step.
-        features: of a picture, beside the pose.
+        features: number of image features beside the pose.
         seed: of the initial weights.
         options: of the velocity field, a `ResidualMLP`.
     """
@@ -62,15 +62,19 @@ class CameraNetwork(nn.Module):
     def encode(
         self, c: Tensor, *, shift: int = 0, generator: torch.Generator | None = None
     ) -> Tensor:
-        """What the velocity field is given of scenes c: features of their pictures, and the hand.
+        """Encode scenes as the condition of the velocity field: image features and proprioception.
 
-        The first four are the pose: x and y, the middle of the world as 0, cosine and sine. The
-        last, observe * 2, are the places of the agent, with the same middle.
+        The first four columns are the predicted pose: x and y relative to the middle of the world,
+        cosine and sine. The last observe * 2 columns are the agent's positions, also relative to
+        the middle.
 
         Args:
-            c: (B, k).
-            shift: pixels by which pictures are shifted at random.
+            c: (B, k), scenes.
+            shift: largest random shift of the images, in pixels.
             generator: of the shifts.
+
+        Returns:
+            (B, 4 + features + observe * 2).
         """
         pictures = shifted(self.camera.pictures(c), shift, generator)
         hand = (self.camera.scenes(c)[..., AGENT] - SIZE / 2) / _UNIT
@@ -78,22 +82,22 @@ class CameraNetwork(nn.Module):
         return torch.cat([features, hand.flatten(1)], dim=1)
 
     def pose_error(self, features: Tensor, c: Tensor) -> Tensor:
-        """The squared error of the pose, (B,)."""
+        """Squared error (B,) of the pose in `features` against the true pose in scenes c."""
         now = self.camera.scenes(c)[:, -1]
         pose = torch.cat([(now[:, PLACE] - SIZE / 2) / _UNIT, now[:, TURN]], dim=1)
         return (features[:, :POSE] - pose).square().sum(dim=1)
 
 
 class TurnedMLP(nn.Module):
-    """A `ResidualMLP` that looks from the T, at the pose that the first features state.
+    """A `ResidualMLP` that works in the frame of the T, at the pose in the first four features.
 
-    It is given the places of the agent and of the goal as seen from there; chunks x are turned for
-    it, and its velocities turned back. It knows nothing of the T but what the features say.
+    Its inputs are the positions of the agent and the goal in that frame; chunks x are rotated into
+    the frame, and velocities are rotated back. The pose in the features is all it knows of the T.
 
     Args:
         dim: d, two columns for each step of a chunk.
-        features: of an encoder, beside the pose.
-        observe: places of the agent that follow them, two columns each.
+        features: number of image features beside the pose.
+        observe: number of agent positions after the features, two columns each.
         options: of the `ResidualMLP`.
     """
 
@@ -118,18 +122,17 @@ class TurnedMLP(nn.Module):
 
 
 def _turned(points: Tensor, facing: Tensor, sign: int) -> Tensor:
-    """Points (B, n, 2) turned by angles given as their cosines and sines (B, 1, 2), or back."""
+    """Rotate points (B, n, 2) by angles given as cosines and sines (B, 1, 2); sign -1 inverts."""
     (x, y), (cos, sin) = points.unbind(2), facing.unbind(2)
     sin = sign * sin
     return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=2)
 
 
 def turned_with_t(x: Tensor, c: Tensor, *, camera: Camera, sign: int) -> Tensor:
-    """Chunks x (B, d) turned as the true T of scenes c (B, k) faces: the frame of `TurnedMLP`.
+    """Rotate chunks x (B, d) into (sign -1) or out of (sign 1) the frame of the true T in c (B, k).
 
-    With sign -1 they are as seen from the T, with 1 they are turned back: the two functions of
-    `couplings.Transformed`. The pose is known where pairs are made, in training, as it is to
-    `CameraLoss`.
+    These are the forward and inverse functions for `couplings.Transformed`; the frame is that of
+    `TurnedMLP`. The true pose may be used here, because pairs are only made in training.
     """
     facing = nn.functional.normalize(camera.scenes(c)[:, -1:, TURN], dim=2)
     return _turned(x.unflatten(1, (-1, 2)), facing, sign).flatten(1)
@@ -137,15 +140,15 @@ def turned_with_t(x: Tensor, c: Tensor, *, camera: Camera, sign: int) -> Tensor:
 
 @dataclass(frozen=True)
 class CameraLoss:
-    """A loss of the velocity field on what the encoder makes of a picture, and that of the pose.
+    """The sum of a velocity field's loss on encoded images and of the pose's weighted error.
 
-    Pictures are shifted at random by up to `shift` pixels, their edges repeated (DrQ, 2004.13649):
-    the crop that every published visuomotor policy trains with.
+    Images are shifted at random by up to `shift` pixels, with repeated edges (DrQ, 2004.13649), a
+    common augmentation of visuomotor policies.
 
     Attributes:
-        loss: of the velocity field, any.
+        loss: any loss of the velocity field.
         pose: weight of the pose's squared error; 0 trains on `loss` alone.
-        shift: pixels.
+        shift: largest random shift, in pixels.
     """
 
     loss: Loss
@@ -153,7 +156,7 @@ class CameraLoss:
     shift: int = 0
 
     def __call__(self, network: Any, pairs: Pairs, generator: torch.Generator) -> Tensor:
-        """The loss of each row, (B,), of a `CameraNetwork`; its encoder runs once."""
+        """The loss of each row, (B,), of a `CameraNetwork`, whose encoder runs once per batch."""
         assert pairs.c is not None  # scenes
         features = network.encode(pairs.c, shift=self.shift, generator=generator)
         value = self.loss(network.head, replace(pairs, c=features), generator)
@@ -161,7 +164,7 @@ class CameraLoss:
 
 
 def shifted(pictures: Tensor, most: int, generator: torch.Generator | None = None) -> Tensor:
-    """Pictures (B, h, w, 3), each moved by up to `most` pixels both ways, the edges repeated."""
+    """Shift each image of (B, h, w, 3) by up to `most` pixels along both axes, repeating edges."""
     if not most:
         return pictures
     n, height, width, _ = pictures.shape
@@ -174,15 +177,15 @@ def shifted(pictures: Tensor, most: int, generator: torch.Generator | None = Non
 
 @dataclass(frozen=True)
 class Pixels:
-    """A policy of Push-T that sees through a camera: `Options(camera=Pixels())`.
+    """Options of a Push-T policy with a camera: `Options(camera=Pixels())`.
 
     Attributes:
-        size: width and height of a picture in pixels.
-        features: of a picture, beside the pose.
+        size: width and height of an image in pixels.
+        features: number of image features beside the pose.
         pose: weight of the pose's squared error in the loss, see `CameraLoss`.
-        shift: pixels by which pictures are shifted at random in training.
-        components: of the PCA of pixels that the coupling is given.
-        condition_clusters: of the k-means after it, for COT; stratified OT has `Options.clusters`.
+        shift: largest random shift of the images in training, in pixels.
+        components: principal components of the pixels in the coupling's condition.
+        condition_clusters: clusters of COT's condition; stratified OT uses `Options.clusters`.
     """
 
     size: int = 40
@@ -197,19 +200,19 @@ class Pixels:
             check_count(getattr(self, name), name)
 
     def loss(self, loss: Loss) -> CameraLoss:
-        """A loss, with that of the pose."""
+        """Add the loss of the pose to `loss`."""
         return CameraLoss(loss, self.pose, self.shift)
 
     def camera(self, windows: Windows) -> Camera:
-        """The camera for scenes on the scale of these windows."""
+        """The camera for scenes that are scaled like these windows."""
         return Camera(self.size, windows.observe, *windows.observation_range.tolist())
 
     def network(self, windows: Windows, **options: Any) -> CameraNetwork:
-        """A network that sees; options are those of `CameraNetwork`."""
+        """A `CameraNetwork` for these windows, with its options."""
         return CameraNetwork(self.camera(windows), windows.dim, features=self.features, **options)
 
     def condition(self, c: Tensor, windows: Windows, *, clusters: int) -> EmbeddedClusters:
-        """COT Policy's condition: clusters of pictures and proprioception, fitted to scenes c."""
+        """COT Policy's condition, clusters of images and proprioception, fitted to scenes c."""
         camera = self.camera(windows)
         condition = PCAKMeansCondition(
             pixels=camera.pixels, components=self.components, clusters=clusters

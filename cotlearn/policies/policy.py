@@ -1,4 +1,4 @@
-"""Receding-horizon policies: see a short history, draw a chunk of actions, do half of it."""
+"""Receding-horizon policies: observe a short history, sample an action chunk, execute its start."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cotlearn.robots.task import Array
 from cotlearn.storage import load_tensors, save_tensors
 from cotlearn.validation import check_array, check_count, check_number, check_shape
 
-_FITTED = "fitted."  #: before the names of a coupling's tensors in a file
+_FITTED = "fitted."  #: prefix of the coupling's tensors in a file
 _NETWORKS: dict[str, Any] = {
     kind.__name__: kind for kind in (ResidualMLP, TemporalUNet, CameraNetwork)
 }
@@ -29,17 +29,17 @@ _NETWORKS: dict[str, Any] = {
 
 @dataclass(eq=False, repr=False)
 class ChunkPolicy:
-    """A policy that acts in chunks.
+    """A policy that samples and executes action chunks.
 
     Args:
         network: network(t, x, c) with the sizes of `windows`.
         windows: frame, horizons and scale.
-        sampler: how a chunk is drawn from the network.
-        execute: steps of a chunk that are done before the next is drawn.
-        temperature: the noise is multiplied by it, at least 0; 1 draws from the trained law.
-        fitted: what the coupling of its training had fitted (`state_dict` of its condition), to be
-            kept with the weights; a policy does not need it to act.
-        about: what its file says of it beside, JSON-compatible: how it was trained.
+        sampler: samples a chunk from the network.
+        execute: steps of a chunk to execute before the next is sampled.
+        temperature: factor of the noise, at least 0; 1 samples the learned distribution.
+        fitted: state of the coupling's fitted condition, to be saved with the weights; it is not
+            needed to act.
+        about: further metadata for the file, JSON-compatible, such as how the policy was trained.
 
     Raises:
         ValueError: the network's sizes or `execute` do not fit the windows.
@@ -64,25 +64,26 @@ class ChunkPolicy:
         self.network.eval()
 
     def with_sampler(self, sampler: Sampler) -> ChunkPolicy:
-        """The same network, drawn from in another way."""
+        """The same policy with another sampler."""
         return replace(self, sampler=sampler)
 
     def noise(self, n: int, generator: torch.Generator | None = None) -> Tensor:
-        """What `act` needs for n rows, (draws, n, d).
+        """Draw the noise (draws, n, d) that `act` needs for n rows.
 
-        The first draw is the same for every sampler, so that policies can be compared on it.
+        The first draw is the same for every sampler, so that policies can be compared on the same
+        noise.
         """
         return torch.randn(self.sampler.draws, n, self.windows.dim, generator=generator)
 
     @torch.no_grad()
     def draw(self, noise: Tensor, c: Tensor) -> Tensor:
-        """Chunks (B, d), as the network sees them, from noise (draws, B, d) under conditions c.
+        """Sample scaled chunks (B, d) from noise (draws, B, d) under conditions c (B, k).
 
-        A network with a camera looks once, whatever the number of evaluations.
+        A `CameraNetwork` encodes its images once for all evaluations.
 
         Raises:
             TypeError: noise is not a floating-point tensor.
-            ValueError: noise and conditions do not fit each other or the policy.
+            ValueError: the shape of noise does not fit c or the policy.
         """
         check_shape(noise, "noise", (self.sampler.draws, len(c), self.windows.dim))
         noise = self.temperature * noise
@@ -97,11 +98,11 @@ class ChunkPolicy:
         noise: Tensor | None = None,
         generator: torch.Generator | None = None,
     ) -> Array:
-        """Draws chunks (B, predict, A) of actions, cut to the limits of the task.
+        """Sample chunks (B, predict, A) of actions, clipped to the limits of the task.
 
         Args:
-            history: (B, observe, columns), the last states, the present one last.
-            noise: (draws, B, d), as `noise` gives it; fresh if None.
+            history: (B, observe, columns), the last states, the current one last.
+            noise: (draws, B, d), as `noise` returns it; fresh if None.
             generator: of fresh noise.
 
         Raises:
@@ -116,7 +117,7 @@ class ChunkPolicy:
         x = self.draw(noise, self.windows.condition(history))
         actions = self.windows.actions(x, history)
         if not np.isfinite(actions).all():
-            raise RuntimeError("the policy's actions are not finite: the training went wrong")
+            raise RuntimeError("the policy's actions are not finite: its training diverged")
         return actions.clip(*self.windows.task.action_limits)
 
     def act(
@@ -126,11 +127,11 @@ class ChunkPolicy:
         noise: Tensor | None = None,
         generator: torch.Generator | None = None,
     ) -> Array:
-        """The actions (B, execute, A) to do next; arguments as for `chunk`."""
+        """The next actions (B, execute, A) to execute; arguments as for `chunk`."""
         return self.chunk(history, noise=noise, generator=generator)[:, : self.execute]
 
     def latency(self, *, repetitions: int = 30) -> float:
-        """The median of the seconds that one chunk takes, from a state to actions."""
+        """Median seconds to sample one chunk, from state to actions."""
         generator = torch.Generator().manual_seed(0)
         state = self.windows.task.vector_sim([0]).states
         history = np.repeat(state[:, None], self.windows.observe, axis=1)
@@ -138,18 +139,18 @@ class ChunkPolicy:
         return float(np.median(chunk.repeat(repetitions + 2, number=1)[2:]))  # two warm up
 
     def save(self, path: str | Path, *, half: bool = False) -> None:
-        """Writes network, windows, sampler and what is known about the policy as safetensors.
+        """Write network, windows, sampler and metadata to a safetensors file.
 
         Args:
             path: the file.
-            half: in 16 bits, which halves the file.
+            half: store weights in 16 bits, which halves the file.
 
         Raises:
-            TypeError: `load` could not make such a network.
+            TypeError: the network is of a kind that `load` does not know.
         """
         kind = type(self.network).__name__
         if kind not in _NETWORKS:
-            raise TypeError(f"network must be one of {', '.join(_NETWORKS)} to be saved: {kind}")
+            raise TypeError(f"network must be one of {', '.join(_NETWORKS)} to save it, got {kind}")
         tensors = {f"{_FITTED}{name}": value for name, value in self.fitted.items()}
         tensors |= self.network.state_dict()
         if half:
@@ -168,11 +169,11 @@ class ChunkPolicy:
 
     @classmethod
     def load(cls, path: str | Path) -> ChunkPolicy:
-        """Reads what `save` wrote.
+        """Read a policy that `save` wrote.
 
         Raises:
             FileNotFoundError: there is no such file.
-            ValueError: the file is damaged or holds no policy.
+            ValueError: the file is damaged or contains no policy.
         """
         tensors, record = load_tensors(path)
         try:
@@ -196,7 +197,7 @@ class ChunkPolicy:
 
 
 def check_execute(execute: int, predict: int) -> None:
-    """Raises ValueError unless so many steps of a chunk can be done."""
+    """Raise ValueError unless `execute` is from 1 to `predict`."""
     if check_count(execute, "execute") > predict:
         raise ValueError(f"execute must be at most the {predict} predicted steps, got {execute}")
 

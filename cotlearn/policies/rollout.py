@@ -1,4 +1,4 @@
-"""Roll policies out in many worlds at once, from the same starts and with the same noise."""
+"""Rollouts of policies in many simulations at once, from the same starts and the same noise."""
 
 import time
 from collections.abc import Sequence
@@ -15,20 +15,20 @@ from cotlearn.progress import progress_bar
 from cotlearn.robots.task import Array, Task, check_numbers
 from cotlearn.validation import check_count
 
-#: Seeds of starts, a million each (those of demonstrations are hashed to 32 bits): EXPLORATION to
-#: try and to choose with, COUNTED to count modes from, REPORTED for nothing but the tables.
+#: First seeds of starts, a million seeds each (demonstrations have hashed 32-bit seeds):
+#: EXPLORATION for trying and choosing, COUNTED for counting modes, REPORTED for the tables only.
 EXPLORATION, COUNTED, REPORTED = 1_000_000, 2_000_000, 3_000_000
-NOISE = 13  #: keeps the noise of rollouts apart from that of training (see `generator_for`)
+NOISE = 13  #: `purpose` of the generators of rollout noise (see `generator_for`)
 
 
 class Policy(Protocol):
-    """What can be rolled out: `ChunkPolicy`, or anything with these."""
+    """The interface of policies for `rollout`; `ChunkPolicy` implements it."""
 
-    windows: Any  #: has the task, and observe, the number of states in a history
-    execute: int
+    windows: Any  #: has `task`, and `observe`, the number of states in a history
+    execute: int  #: steps of a chunk to execute
 
     def noise(self, n: int, generator: torch.Generator | None = None) -> Tensor:
-        """Noise for n rows, (draws, n, d)."""
+        """Draw noise for n rows, (draws, n, d)."""
         ...
 
     def act(self, history: ArrayLike, *, noise: Tensor | None = None) -> Array:
@@ -38,19 +38,19 @@ class Policy(Protocol):
 
 @dataclass(frozen=True)
 class Rollouts:
-    """What happened in E episodes.
+    """The results of E episodes.
 
     Attributes:
-        task: what was to be done.
-        seed: (E,), of the starts: `env.reset(seed=...)`.
-        outcomes: name -> (E,), those of the task's worlds and of its thresholds. `rollouts[name]`
-            is one of them.
-        steps: (E,), until success or the time limit.
-        jerk: (E,), the mean of |a_{t+1} - 2 a_t + a_{t-1}| over the actions done, in the unit of
-            actions: small is smooth.
-        seconds: that the policy took, in all.
-        chunks: that were drawn, in all.
-        states: (T + 1, E, columns) if recorded; a finished episode stands still.
+        task: the task.
+        seed: (E,), seeds of the starts, as in `env.reset(seed=...)`.
+        outcomes: name -> (E,), outcomes of the simulations and of the task's thresholds;
+            `rollouts[name]` looks one up.
+        steps: (E,), control steps until the episode ended.
+        jerk: (E,), mean of |a_{t+1} - 2 a_t + a_{t-1}| over the executed actions, in the unit of
+            actions; small values are smooth.
+        seconds: total time that the policy took.
+        chunks: total number of sampled chunks.
+        states: (T + 1, E, columns), or None if not recorded; a finished episode stands still.
     """
 
     task: Task
@@ -64,11 +64,11 @@ class Rollouts:
 
     def __getitem__(self, outcome: str) -> Array:
         if outcome not in self.outcomes:
-            raise KeyError(f"{outcome!r} is none of {', '.join(self.outcomes)}")
+            raise KeyError(f"outcome must be one of {', '.join(self.outcomes)}; got {outcome!r}")
         return self.outcomes[outcome]
 
     def summary(self) -> dict[str, float]:
-        """The means, for a table."""
+        """Means over episodes: all outcomes but "mode", steps and jerk."""
         names = [name for name in self.outcomes if name != "mode"]
         means = {name: float(self[name].mean()) for name in names}
         return {**means, "steps": float(self.steps.mean()), "jerk": float(self.jerk.mean())}
@@ -83,21 +83,21 @@ def rollout(
     record: bool = False,
     progress: bool | None = None,
 ) -> Rollouts:
-    """Rolls a policy out, all episodes side by side.
+    """Roll out a policy in all episodes in parallel.
 
-    Start and noise of an episode depend on its seed and its number alone: two policies can be
-    compared episode by episode.
+    The start of an episode depends only on its seed, and its noise only on its number, so that two
+    policies can be compared episode by episode.
 
     Args:
-        policy: sees the last states of each world, and returns the next actions.
-        episodes: how many.
-        seeds: of the starts; may repeat. EXPLORATION, EXPLORATION + 1, ... if None.
-        max_steps: of an episode; those of the task if None.
+        policy: maps the last states of each simulation to the next actions.
+        episodes: number of episodes if seeds is None.
+        seeds: of the starts, may repeat; EXPLORATION, EXPLORATION + 1, ... if None.
+        max_steps: time limit of an episode in control steps; the task's limit if None.
         record: keep all states.
-        progress: show a bar; None: in terminals and notebooks.
+        progress: show a progress bar; if None, in terminals and notebooks.
 
     Raises:
-        ValueError: the policy returns another shape, or actions out of range or not finite.
+        ValueError: the policy's actions have a wrong shape, are out of range or not finite.
     """
     task = policy.windows.task
     max_steps = check_count(task.max_steps if max_steps is None else max_steps, "max_steps")
@@ -153,7 +153,7 @@ def rollout(
 
 
 def with_thresholds(task: Task, found: dict[str, Array]) -> dict[str, Array]:
-    """Outcomes of the worlds, and those that follow from them by the task's thresholds."""
+    """Add the outcomes of the task's thresholds (1 above the threshold, else 0) to `found`."""
     passed = {
         name: (found[of] > threshold).astype(np.float64)
         for name, (of, threshold) in task.thresholds.items()
@@ -162,6 +162,6 @@ def with_thresholds(task: Task, found: dict[str, Array]) -> dict[str, Array]:
 
 
 def _jerk(done: Array, steps: NDArray[np.int64]) -> Array:
-    """The mean second difference of each episode's actions; 0 for fewer than three."""
+    """Mean norm of the second differences of each episode's actions; 0 for fewer than three."""
     second = np.linalg.norm(np.diff(done, n=2, axis=0), axis=2)  # NaN after the end
     return np.nansum(second, axis=0) / np.maximum(steps - 2, 1)

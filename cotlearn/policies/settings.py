@@ -1,4 +1,4 @@
-"""What the course trains and compares, by name: a task and the options of its trainings."""
+"""The course's benchmark settings by name: a task, training options and the compared methods."""
 
 from dataclasses import dataclass, replace
 
@@ -9,12 +9,12 @@ from cotlearn.policies.training import Options
 
 @dataclass(frozen=True)
 class Setting:
-    """A task as it stands in the course.
+    """A task with its training options and methods.
 
     Attributes:
-        task: its name in `cotlearn.robots.registry`.
-        options: of every training.
-        methods: that are compared.
+        task: name of the task in `cotlearn.robots.registry`.
+        options: training options of all methods.
+        methods: names of the methods to compare.
     """
 
     task: str
@@ -22,7 +22,7 @@ class Setting:
     methods: tuple[str, ...] = tuple(METHODS)
 
 
-#: The whole way to the goal at once, as ten knots, from where the arm starts.
+#: Open loop: one chunk of ten knots from the start to the goal.
 _WHOLE = Options(
     frame="goal",
     steps=6000,
@@ -35,14 +35,14 @@ _WHOLE = Options(
     share_at_t0=0.3,
     clusters=None,
 )
-#: Between two rows of pillars, which always stand nearly alike, the world is as good a frame. The
-#: error at held-out starts decided, after short trainings with independent pairs: energy scores of
-#: .4304 m in the world and .4328 m in the goal frame, and .4275 m with this learning rate.
+#: The world frame, because the rows of pillars hardly move. It was chosen by the energy score on
+#: held-out starts after short trainings with independent pairs: .4304 m in the world frame, .4328 m
+#: in the goal frame, and .4275 m in the world frame with this learning rate.
 _ROWS = replace(_WHOLE, frame="world", learning_rate=3e-3)
-#: Some steps at a time, as on Push-T, in the coordinates of the world.
+#: Receding horizon, as on Push-T, in the world frame.
 _RECEDING = Options(frame="world", steps=6000, width=256, clusters=1024)
 
-#: With a camera, and a smaller budget: a step takes twice as long.
+#: With a camera and smaller batches: a gradient step takes twice as long.
 _CAMERA = Options(
     frame="agent",
     steps=6000,
@@ -52,7 +52,7 @@ _CAMERA = Options(
     clusters=1024,
     camera=Pixels(),
 )
-#: What an hour or two is enough for.
+#: Methods that can be compared in an hour or two.
 _MAIN = ("independent", "conditional_ot", "stratified", "residual", "minibatch_ot", "diffusion")
 
 SETTINGS = {

@@ -1,4 +1,4 @@
-"""Windows: what a policy sees, what it predicts, in which frame, and on which scale."""
+"""Windows: what a policy observes and predicts, in which frame and on which scale."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ _RANGES = ("observation_range", "action_range")
 
 @dataclass(frozen=True, kw_only=True)
 class Windows:
-    """How episodes become rows (x1, c) and how a row becomes actions again.
+    """Converts episodes to rows (x1, c), and predicted rows back to actions.
 
-    c is the flattened history of observations, x1 the flattened chunk of actions, both in a frame
-    of the task, each coordinate scaled so that an interval of the training set's becomes [-1, 1]:
-    its mean -+ its standard deviation, or its whole range. Make one with `Windows.fit`.
+    c is the flattened history of observations and x1 the flattened chunk of actions, both in a
+    frame of the task. Each coordinate is scaled so that mean -+ standard deviation, or the whole
+    range, of the training set becomes [-1, 1]. Create windows with `Windows.fit`.
 
     Attributes:
-        task: whose states and actions they are.
+        task: the task of the states and actions.
         frame: a key of `task.frames`.
         observation_range: (2, F), the values of each feature that become -1 and 1.
         action_range: (2, A), the values of each coordinate that become -1 and 1.
-        observe: steps that a policy sees, the present one last.
-        predict: steps of a chunk, the present one first.
-        knots: points that stand for a chunk, evenly spaced in time, the last action among them;
-            a cubic spline through them, from rest to rest, fills in the others. None: no knots,
+        observe: number of observed steps, the current one last.
+        predict: number of steps in a chunk, the current one first.
+        knots: number of predicted points per chunk, evenly spaced in time and ending with the last
+            action; a clamped cubic spline (at rest at both ends) fills in the other steps. If None,
             every step is predicted.
-        open_loop: one window for each episode, from its first step, instead of one for each step.
+        open_loop: make one window per episode, from its first step, instead of one per step.
 
     Raises:
-        ValueError: a number or a name that does not fit.
+        ValueError: an option is out of range or unknown.
     """
 
     task: Task
@@ -72,16 +72,16 @@ class Windows:
         scale: str = "deviation",
         **shape: Any,
     ) -> Windows:
-        """Takes the scale from the windows of training episodes.
+        """Create windows with the scale of training episodes.
 
         Args:
-            episodes: to train on.
+            episodes: the training episodes.
             frame: a key of `episodes.task.frames`; the first if None.
             label: as in `dataset`.
-            scale: "deviation" gives every coordinate mean 0 and variance 1, as the noise has;
-                "range" fills [-1, 1], as Diffusion Policy does. Seen from Push-T's block, actions
-                are mostly near and rarely far, and the range leaves them a seventh of the noise.
-            shape: `observe`, `predict`, `knots` and `open_loop`, as among the attributes.
+            scale: "deviation" gives every coordinate mean 0 and variance 1, like the noise; "range"
+                fills [-1, 1], as Diffusion Policy does. In the frame of Push-T's block, actions are
+                mostly near and rarely far, so "range" leaves them a seventh of the noise's scale.
+            shape: the attributes `observe`, `predict`, `knots` and `open_loop`.
         """
         ends = _SCALES[check_choice(scale, "scale", tuple(_SCALES))]
         task, later = episodes.task, np.empty((2, 0))
@@ -94,23 +94,23 @@ class Windows:
 
     @property
     def points(self) -> int:
-        """Points that x1 holds: the knots, or every predicted step."""
+        """Number of points in x1: knots, or predict without knots."""
         return self.knots or self.predict
 
     @property
     def dim(self) -> int:
-        """Columns of x1: points * A, with A numbers of an action."""
+        """Columns of x1: points * A, where A is the dimension of an action."""
         return self.points * len(self.task.action)
 
     @property
     def condition_dim(self) -> int:
-        """Columns of c: observe * F."""
+        """Columns of c: observe * F, where F is the number of features of a state."""
         return self._frame.features * self.observe
 
     def cut(self, episodes: Episodes, *, label: str = "action") -> tuple[Array, Array]:
-        """Histories (N, observe, columns) and actions (N, predict, A), one window for each row.
+        """Cut episodes into N windows: histories (N, observe, columns), actions (N, predict, A).
 
-        At both ends of an episode the first state and the last action are repeated.
+        At the ends of an episode the first state and the last action are repeated.
         """
         actions = episodes.action
         if check_choice(label, "label", LABELS) == "intention" and episodes.intention is not None:
@@ -126,13 +126,13 @@ class Windows:
         )
 
     def dataset(self, episodes: Episodes, *, label: str = "action") -> Dataset:
-        """All windows as rows: x1 (N, points * A), c (N, observe * F), float32.
+        """All windows as a `Dataset` with x1 (N, points * A) and c (N, observe * F), float32.
 
         Args:
-            episodes: any.
-            label: "action", what was done; or "intention", what the demonstrator meant before
-                noise was added, where the episodes say it: right actions in the states that noise
-                led to (DART, 1703.09327).
+            episodes: episodes of the same task.
+            label: "action", the executed action; or "intention", the demonstrator's action before
+                noise was added, if the episodes have it: the right action in states that noise led
+                to (DART, 1703.09327).
         """
         history, actions = self.cut(episodes, label=label)
         name = f"{episodes.name}: {len(episodes)} episodes, {label}s, {self.frame} frame"
@@ -155,13 +155,13 @@ class Windows:
         return self._frame.from_frame(values, history)
 
     def metadata(self) -> dict[str, Any]:
-        """Everything, JSON-compatible: `Windows.from_metadata` takes it back."""
+        """All attributes in a JSON-compatible form for `Windows.from_metadata`."""
         ranges = {name: getattr(self, name).tolist() for name in _RANGES}
         return {**vars(self), **ranges, "task": self.task.name}
 
     @classmethod
     def from_metadata(cls, metadata: dict[str, Any]) -> Windows:
-        """Takes back what `metadata` gave, in this version or in 0.1."""
+        """Create windows from `metadata`, as written by this version or by 0.1."""
         values = {"open_loop" if k == "whole" else k: value for k, value in metadata.items()}
         ranges = {name: np.array(values[name]) for name in _RANGES}
         return cls(**{**values, **ranges, "task": find_task(values["task"])})
@@ -172,14 +172,14 @@ class Windows:
 
     @property
     def _knot_steps(self) -> NDArray[np.int64]:
-        """The steps of a chunk at which its knots are, 1 to predict."""
+        """The steps of a chunk, from 1 to predict, at which its knots lie."""
         return np.rint(np.arange(1, self.points + 1) * self.predict / self.points).astype(np.int64)
 
     def _at_knots(self, actions: Array) -> Array:
         return actions[:, self._knot_steps - 1]
 
     def _between_knots(self, values: Array, history: Array) -> Array:
-        """The spline through where the tool is now and the knots, at every step."""
+        """Evaluate the spline through the tool's current position and the knots at every step."""
         if self.knots is None:
             return values
         from scipy.interpolate import CubicSpline  # late: it takes a second
@@ -200,7 +200,7 @@ def _range(values: Array) -> Array:
 def _deviation(values: Array) -> Array:
     """Mean -+ standard deviation of each column, (2, columns), of (B, n, columns)."""
     values = values.reshape(-1, values.shape[-1])
-    varies = values.min(axis=0) < values.max(axis=0)  # whatever rounding says
+    varies = values.min(axis=0) < values.max(axis=0)  # rounding can make a constant's std above 0
     mean, deviation = values.mean(axis=0), np.where(varies, values.std(axis=0), 0.0)
     return np.array([mean - deviation, mean + deviation])
 
@@ -209,7 +209,7 @@ _SCALES = {"deviation": _deviation, "range": _range}
 
 
 def _scaled(values: Array, ends: Array) -> Tensor:
-    """Rows (B, n * columns) in float32, `ends` as -1 and 1; what does not vary becomes 0."""
+    """Rows (B, n * columns) in float32, scaled so that `ends` become -1 and 1; constants give 0."""
     low, high = ends
     scaled = 2 * (values - (low + high) / 2) / np.where(high > low, high - low, 1.0)
     return torch.from_numpy(scaled.reshape(len(scaled), -1)).float()
