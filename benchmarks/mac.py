@@ -1,6 +1,6 @@
 """Does it help if the model chooses its pairs, and what does that do to the data?
 
-Two parts, both with a batch of 64, the limit of model-aligned coupling (MAC) "full".
+Three parts, all with a batch of 64, the limit of model-aligned coupling (MAC) "full".
 
 "equal" and "unequal": four source Gaussians at (-3, 0), (3, 0), (0, -3), (0, 3) with standard
 deviation 0.5 go to two target Gaussians at (0, -6) and (0, 6), without a condition. Each target
@@ -8,10 +8,16 @@ mode has half of the data, and the two source modes on the middle line must be s
 both targets have standard deviation 0.5; in "unequal" the upper one has 1.5. The number of
 Gaussians is that of the MAC authors (2505.23346); places and spreads are the course's.
 
-The share of the generated points above the middle should be 1/2; "astray" is the share farther than
-four standard deviations from both modes. Chance would move the shares by about 0.01, and the
-squared W2 by 144 times that: so the points that are scored start in mirror pairs, (x, y) with
-(x, -y), and the true ones are half from either mode.
+"grid": the weights and the spacing of the MAC authors' own toy. Four source Gaussians have the
+weights .28, .24, .24 and .24, neighbours are 8 apart, and the two targets have .45 and .55. Places
+and the standard deviation, 0.5, are the course's: the sources stand in a column, the targets in the
+next one. No two sources weigh .45 or .55 together, so a mode must be split. The points that are
+scored come from the modes in exact shares.
+
+The share of the generated points above the middle should be 1/2 (in "grid" .55); "astray" is the
+share farther than four standard deviations from both modes. In the first two, chance would move the
+shares by about 0.01, and the squared W2 by 144 times that: so the points that are scored start in
+mirror pairs, (x, y) with (x, -y), and the true ones are half from either mode.
 
 "petals": normal noise to the four petals with labels, MAC "full" with condition weights from 0 (as
 published) to 100, beside independent, naive and conditional OT. `skew` is `prior_skew` of the pairs
@@ -23,7 +29,7 @@ writes data/results/mac.json. An interrupted run goes on.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import torch
@@ -43,9 +49,11 @@ SETTING = {
     "depth": 3,
     "seeds": 5,
     "seeds_petals": 3,
+    "seeds_grid": 3,
     "points": 2000,
 }
 NFE = (1, 2, 4, 32)
+NFE_GRID = (1, 2, 16)
 WARMUP = SETTING["steps"] // 2
 SPREAD = {"equal": (0.5, 0.5), "unequal": (0.5, 1.5)}
 CENTRES = torch.tensor([[0.0, -6.0], [0.0, 6.0]])
@@ -85,6 +93,39 @@ class TwoModes:
         return CENTRES[mode] + torch.tensor(self.std)[mode][:, None] * noise, None
 
 
+@dataclass(frozen=True)
+class Modes:
+    """Gaussians in a column at x, with standard deviation 0.5."""
+
+    x: float
+    y: tuple[float, ...]
+    weights: tuple[float, ...]
+
+    @property
+    def centres(self) -> Tensor:
+        """Shape (modes, 2)."""
+        return torch.tensor([[self.x, y] for y in self.y])
+
+    def balanced(self, n: int, generator: torch.Generator) -> Tensor:
+        """n points, exactly the weight's share from each mode."""
+        counts = (n * torch.tensor(self.weights)).round().long()
+        centres = self.centres.repeat_interleave(counts, dim=0)
+        return centres + 0.5 * torch.randn(n, 2, generator=generator)
+
+    def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, None]:
+        """Draw n points; there is no condition."""
+        mode = torch.multinomial(torch.tensor(self.weights), n, True, generator=generator)
+        return self.centres[mode] + 0.5 * torch.randn(n, 2, generator=generator), None
+
+    def noise(self, n: int, generator: torch.Generator | None = None) -> Tensor:
+        """Draw n points, as a source."""
+        return self.sample(n, generator)[0]
+
+
+GRID_SOURCE = Modes(0.0, (-12.0, -4.0, 4.0, 12.0), (0.28, 0.24, 0.24, 0.24))
+GRID_TARGET = Modes(8.0, (-8.0, 8.0), (0.45, 0.55))
+
+
 def make(method: str) -> Coupling:
     """The coupling of a cell."""
     if method.startswith("aligned"):
@@ -98,12 +139,13 @@ def make(method: str) -> Coupling:
     }[method]
 
 
-def shares(x: Tensor, std: tuple[float, float]) -> dict[str, float]:
-    """How much of x is above the middle, and how much is far from both modes."""
-    far = torch.cdist(x, CENTRES) > 4 * torch.tensor(std)
+def scores(made: list[Tensor], truth: Tensor, centres: Tensor, std: Tensor) -> dict[str, Any]:
+    """Of each sample: its error, how much is above the middle, how much is far from both modes."""
+    far = [(torch.cdist(x, centres) > 4 * std).all(dim=1) for x in made]
     return {
-        "upper": round(float((x[:, 1] > 0).float().mean()), 4),
-        "astray": round(float(far.all(dim=1).float().mean()), 4),
+        "squared_w2": [round(squared_w2(x, truth), 4) for x in made],
+        "upper": [round(float((x[:, 1] > 0).float().mean()), 4) for x in made],
+        "astray": [round(float(f.float().mean()), 4) for f in far],
     }
 
 
@@ -114,18 +156,28 @@ def two_modes(key: dict[str, Any]) -> dict[str, Any]:
     generator = torch.Generator().manual_seed(1000 + seed)
     truth = data.balanced(SETTING["points"], generator)
     if key["method"] == "floor":
-        fresh = data.balanced(SETTING["points"], generator)
-        return {"squared_w2": round(squared_w2(fresh, truth), 4), **shares(fresh, std)}
+        fresh = [data.balanced(SETTING["points"], generator)]
+        return {k: v[0] for k, v in scores(fresh, truth, CENTRES, torch.tensor(std)).items()}
     network = train(VelocityMLP(2, width=SETTING["width"], seed=seed), data, key, source)
     half = source(SETTING["points"] // 2, generator=generator)
     x0 = torch.cat([half, half * torch.tensor([1.0, -1.0])])
     made = [integrate(network, x0, nfe=nfe).x1 for nfe in NFE]
-    found = [shares(x, std) for x in made]
-    return {
-        "squared_w2": [round(squared_w2(x, truth), 4) for x in made],
-        "upper": [f["upper"] for f in found],
-        "astray": [f["astray"] for f in found],
-    }
+    return scores(made, truth, CENTRES, torch.tensor(std))
+
+
+def grid(key: dict[str, Any]) -> dict[str, Any]:
+    """Train on 4 -> 2 Gaussians with the MAC authors' weights; error and shares at every NFE."""
+    seed, std = key["seed"], torch.tensor(0.5)
+    generator = torch.Generator().manual_seed(1000 + seed)
+    truth = GRID_TARGET.balanced(SETTING["points"], generator)
+    if key["method"] == "floor":
+        fresh = [GRID_TARGET.balanced(SETTING["points"], generator)]
+        return {k: v[0] for k, v in scores(fresh, truth, GRID_TARGET.centres, std).items()}
+    start = VelocityMLP(2, width=SETTING["width"], seed=seed)
+    network = train(start, GRID_TARGET, key, GRID_SOURCE.noise)
+    x0 = GRID_SOURCE.balanced(SETTING["points"], generator)
+    made = [integrate(network, x0, nfe=nfe).x1 for nfe in NFE_GRID]
+    return scores(made, truth, GRID_TARGET.centres, std)
 
 
 def train(start: Any, data: Any, key: dict[str, Any], noise: Any, coupling: Any = None) -> Any:
@@ -171,19 +223,21 @@ def labelled(key: dict[str, Any]) -> dict[str, Any]:
 
 def compute(key: dict[str, Any]) -> dict[str, Any]:
     """One cell."""
-    return labelled(key) if key["data"] == "petals" else two_modes(key)
+    return {"petals": labelled, "grid": grid}.get(key["data"], two_modes)(key)
 
 
 def main() -> None:
     """Fill the table and print it."""
-    table = opened(__doc__, {**SETTING, "nfe": NFE, "warmup_steps": WARMUP, "spread": SPREAD})
-    parts = {"equal": METHODS, "unequal": METHODS, "petals": ON_PETALS}
+    protocol = {**SETTING, "nfe": NFE, "nfe_grid": NFE_GRID, "warmup_steps": WARMUP}
+    modes = {"source": asdict(GRID_SOURCE), "target": asdict(GRID_TARGET)}
+    table = opened(__doc__, {**protocol, "spread": SPREAD, "grid": modes})
+    parts = {"equal": METHODS, "unequal": METHODS, "grid": METHODS, "petals": ON_PETALS}
     keys = [
         {"data": data, "method": method, "seed": seed}
         for seed in range(SETTING["seeds"])
         for data, methods in parts.items()
         for method in ["floor", *methods]
-        if data != "petals" or seed < SETTING["seeds_petals"]
+        if seed < SETTING.get(f"seeds_{data}", SETTING["seeds"])
     ]
     table.fill(keys, compute)
     for data, methods in parts.items():
