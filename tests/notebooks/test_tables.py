@@ -1,0 +1,76 @@
+"""The tables that notebooks store are those of the files: nobody forgot to run one again.
+
+A cell that prints what `data/results` says runs here, after the earlier cells that it needs, and
+must print what the notebook stores. A cell that needs anything live is left out: running the
+notebook is its test.
+"""
+
+import ast
+import contextlib
+import io
+import symtable
+
+import matplotlib.pyplot as plt
+import pytest
+
+#: What trains, measures or rolls out.
+LIVE = {"fit", "train", "rollout", "frontier", "examine", "squared_w2", "ChunkPolicy"}
+
+
+def scopes(table):
+    """A scope, and all scopes inside it."""
+    yield table
+    for child in table.get_children():
+        yield from scopes(child)
+
+
+def names(source):
+    """The names that a cell sets, and those that it takes from earlier cells."""
+    top, *inner = scopes(symtable.symtable(source, "cell", "exec"))
+    sets = {s.get_name() for s in top.get_symbols() if s.is_assigned() or s.is_imported()}
+    takes = {s.get_name() for s in top.get_symbols() if s.is_referenced()}
+    takes |= {s.get_name() for scope in inner for s in scope.get_symbols() if s.is_global()}
+    entries = {  # an entry of an earlier dictionary is set: both
+        node.value.id
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store)
+        if isinstance(node.value, ast.Name)
+    }
+    return sets | entries, (takes - sets) | (entries - sets)
+
+
+def printed_from_files(cells):
+    """Each cell that prints from files and needs nothing live, after the cells that it needs."""
+    made, found = {}, []  # who makes a name, in order; None if something live does
+    for i, cell in enumerate(cells):
+        if cell.cell_type != "code":
+            continue
+        sets, takes = names(cell.source)
+        before = [made[name] for name in takes if name in made]
+        live = None in before or takes & LIVE
+        needs = None if live else sorted({i}.union(*before))
+        made |= dict.fromkeys(sets, needs)
+        if needs and stored(cell) and any('"results/' in cells[k].source for k in needs):
+            found.append(needs)
+    return found
+
+
+def stored(cell):
+    """What a cell printed when the notebook was run."""
+    return "".join(output.text for output in cell.outputs if output.get("name") == "stdout")
+
+
+def test_stored_tables_are_those_of_the_files(cells):
+    if not any('"results/' in cell.source for cell in cells if cell.cell_type == "code"):
+        pytest.skip("reads no file of results")
+    tables = printed_from_files(cells)
+    assert tables, "no cell prints from a file alone"
+    printed, space = {}, {"__name__": "__main__"}
+    with plt.rc_context():
+        for i in sorted(set().union(*tables)):
+            with contextlib.redirect_stdout(io.StringIO()) as text:
+                exec(compile(cells[i].source, f"cell {i}", "exec"), space)
+            printed[i] = text.getvalue()
+    plt.close("all")
+    for *_, i in tables:
+        assert printed[i] == stored(cells[i]), f"cell {i} prints other numbers now: run it again"
