@@ -1,4 +1,4 @@
-"""Robots as a source: tasks, experts, and the episodes that they record.
+"""Robots as a source of data: tasks, experts and the episodes that experts record.
 
 Importing this package registers the environments with gymnasium::
 

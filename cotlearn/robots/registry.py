@@ -1,4 +1,4 @@
-"""The tasks of the course, by name: a new task needs its line here, and is known everywhere."""
+"""The tasks of the course by name; a new task is registered here."""
 
 from cotlearn.robots.arm.definition import ARM_AVOID, ARM_RING
 from cotlearn.robots.push_t.definition import PUSH_T
@@ -9,9 +9,9 @@ TASKS = {task.name: task for task in (PUSH_T, ARM_RING, ARM_AVOID)}
 
 
 def find_task(name: str) -> Task:
-    """The task of this name.
+    """Look up a task by name.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is no task with this name.
     """
     return TASKS[check_choice(name, "task", tuple(TASKS))]

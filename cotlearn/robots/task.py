@@ -1,4 +1,4 @@
-"""What a task is: all that recordings, episodes, policies and rollouts need to know about it."""
+"""`Task` and its parts: what recordings, episodes, policies and rollouts need to know."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,37 +9,37 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-_ROUNDING = 1e-6  #: by which a limit in single precision may be off
+_ROUNDING = 1e-6  #: tolerance of limits, for rounding in single precision
 
 
 class VectorSim(Protocol):
-    """Several simulations that are stepped side by side."""
+    """Several simulations that are stepped in parallel."""
 
     @property
     def states(self) -> Array:
-        """(n, columns of a state)."""
+        """The current states, (n, columns)."""
 
     @property
     def finished(self) -> NDArray[np.bool_]:
-        """(n,), whether each episode is over before its time limit."""
+        """Whether each episode has ended before its time limit, (n,)."""
 
     def step(self, actions: ArrayLike, *, active: NDArray[np.bool_] | None = None) -> None:
-        """One control step with actions (n, columns) in all simulations, or in the active ones."""
+        """Take a control step with actions (n, columns) in all simulations, or the active ones."""
 
     def outcomes(self) -> dict[str, Array]:
-        """The results of each episode so far, name -> (n,); with "mode", -1 for none."""
+        """The results of each episode so far, name -> (n,), including "mode" (-1: no mode)."""
 
 
 class Frame(Protocol):
-    """A coordinate frame: what the network sees of a state, and how it writes down actions."""
+    """A coordinate frame in which the network observes states and predicts actions."""
 
-    features: int  #: numbers for one observed state
+    features: int  #: features of one observed state
 
     def observe(self, history: Array) -> Array:
-        """(B, T, features) from states (B, T, columns)."""
+        """Convert states (B, T, columns) to features (B, T, features)."""
 
     def to_frame(self, actions: Array, history: Array) -> Array:
-        """Actions (B, n, columns) of the world, in the frame that the last state defines."""
+        """Transform world actions (B, n, columns) to the frame given by the last state."""
 
     def from_frame(self, actions: Array, history: Array) -> Array:
         """The inverse of `to_frame`."""
@@ -47,20 +47,20 @@ class Frame(Protocol):
 
 @dataclass
 class IdentityFrame:
-    """The frame that changes nothing: states and actions as they are."""
+    """The world frame, which changes neither states nor actions."""
 
     features: int
 
     def observe(self, history: Array) -> Array:
-        """The states."""
+        """Return the states unchanged."""
         return history
 
     def to_frame(self, actions: Array, history: Array) -> Array:
-        """The actions."""
+        """Return the actions unchanged."""
         return actions
 
     def from_frame(self, actions: Array, history: Array) -> Array:
-        """The actions."""
+        """Return the actions unchanged."""
         return actions
 
 
@@ -69,11 +69,11 @@ class Demonstration:
     """One episode of an expert; row t of each array belongs to control step t.
 
     Attributes:
-        state: (n, columns), before the action.
-        action: (n, columns), what was done: intention plus noise, a multiple of the task's unit.
-        intention: (n, columns), what the expert meant, a multiple of the task's unit.
-        success: whether the goal was reached, in the mode that was chosen.
-        mode: the mode that was chosen; None if the expert does not choose one in advance.
+        state: (n, columns), states before each action.
+        action: (n, columns), executed actions: intention plus noise, multiples of the task's unit.
+        intention: (n, columns), the expert's actions before noise, multiples of the task's unit.
+        success: whether the goal was reached in the chosen mode.
+        mode: the chosen mode; None if the expert does not choose one in advance.
     """
 
     state: Array
@@ -90,36 +90,38 @@ class Expert(Protocol):
         """Demonstrates one episode.
 
         Args:
-            seed: of the start, as in `env.reset(seed=seed)`, and of all choices.
-            state: (columns,), where to start instead; then the seed is of the choices alone.
+            seed: of the start, as in `env.reset(seed=seed)`, and of all random choices.
+            state: (columns,), a start that replaces the seed's; the seed then sets only choices.
         """
 
 
 @dataclass(frozen=True)
 class Task:
-    """A task for robots, as `cotlearn.robots.registry` lists it.
+    """A robot task, as listed in `cotlearn.robots.registry`.
 
     Attributes:
-        title: as files of demonstrations have it; in lower case the name of the task.
+        title: title in files of demonstrations; in lower case, the name of the task.
         environment: id of the gymnasium environment.
         entry_point: "module:class" of the environment.
         environment_options: keyword arguments of that class.
-        vector_sim: makes the simulations that `env.reset(seed=...)` starts for some seeds.
-        state: names of a state's columns. The first are where the tool is, in the space of actions.
+        vector_sim: maps seeds to the simulations that `env.reset(seed=...)` would start.
+        state: names of a state's columns; the first are the position of the tool, in the space of
+            actions.
         action: names of an action's columns.
-        state_limits: (2, columns), the smallest and largest values of a state.
-        action_limits: (2, columns), the same of an action; policies' actions are clipped to them.
-        max_steps: control steps of an episode.
-        frames: by name; the first is the default.
+        state_limits: (2, columns), smallest and largest values of a state.
+        action_limits: (2, columns), smallest and largest values of an action; policies' actions
+            are clipped to them.
+        max_steps: time limit of an episode in control steps.
+        frames: name -> frame; the first is the default.
         score: the outcome by which policies are compared.
-        modes: how many modes are told apart (outcome "mode").
+        modes: number of modes (values of the outcome "mode").
         mode_steps: control steps after which the mode is known.
-        demonstrations: the file of the course's demonstrations, in `data/`.
-        expert: makes the demonstrator.
-        state_units: what each column of a state is rounded to when it is stored.
-        action_units: the same of an action, which is a multiple of it already.
-        packages: whose versions a recording notes.
-        thresholds: outcome -> (other outcome, value above which it is 1, else 0).
+        demonstrations: file name of the course's demonstrations in `data/`.
+        expert: creates the demonstrator.
+        state_units: unit to which each column of a state is rounded in files.
+        action_units: unit of each column of an action; actions are multiples of it.
+        packages: packages whose versions a recording stores.
+        thresholds: outcome -> (other outcome, value above which the outcome is 1, else 0).
     """
 
     title: str
@@ -145,25 +147,25 @@ class Task:
 
     @property
     def name(self) -> str:
-        """As in `cotlearn bench NAME`."""
+        """The task's name on the command line: the title in lower case."""
         return self.title.lower()
 
     @property
     def strictest(self) -> str:
-        """The outcome with the highest threshold, or the score where there is none."""
+        """The last outcome in `thresholds`, which has the highest threshold; else the score."""
         return next(reversed(tuple(self.thresholds)), self.score)
 
 
 def chosen_start(options: Mapping[str, Any] | None, limits: ArrayLike) -> Array | None:
-    """The state at which `env.reset(options={"state": ...})` shall start; None without options.
+    """Return the start state in `env.reset(options={"state": ...})`; None without options.
 
     Args:
-        options: of `env.reset`.
-        limits: (2, columns), the smallest and the largest values of a state.
+        options: the options of `env.reset`.
+        limits: (2, columns), smallest and largest values of a state.
 
     Raises:
-        TypeError: the state is not made of real numbers.
-        ValueError: there is anything else in `options`, or the state does not fit.
+        TypeError: the state does not hold real numbers.
+        ValueError: `options` has another key, or the state has a wrong shape or is out of range.
     """
     if not options:
         return None
@@ -173,17 +175,17 @@ def chosen_start(options: Mapping[str, Any] | None, limits: ArrayLike) -> Array 
 
 
 def check_numbers(values: Any, limits: ArrayLike, name: str, *, shape: tuple[int, ...]) -> Array:
-    """Returns actions or a state as float64 if they are finite, within limits and of this shape.
+    """Return actions or a state as float64 if they are finite, within limits and of this shape.
 
     Args:
         values: (..., columns).
-        limits: (2, columns), the smallest and the largest values.
-        name: of the argument.
-        shape: that is expected.
+        limits: (2, columns), smallest and largest values.
+        name: name of the argument in error messages.
+        shape: the expected shape.
 
     Raises:
-        TypeError: they are not real numbers.
-        ValueError: they have another shape, are not finite or outside the limits.
+        TypeError: values are not real numbers.
+        ValueError: values have another shape, are not finite or lie outside the limits.
     """
     array = np.asarray(values)
     if array.shape != shape:

@@ -73,7 +73,7 @@ def test_success_ends_an_episode_and_nobody_asks_for_it_again():
     assert done.jerk.tolist() == [0, 0]
     assert done.summary()["success_95"] == 0.5
     assert "mode" not in done.summary()
-    with pytest.raises(KeyError, match="'speed' is none of coverage, last, mode, success_90"):
+    with pytest.raises(KeyError, match="outcome must be one of coverage, last, mode, success_90"):
         done["speed"]
 
 

@@ -1,6 +1,6 @@
 """A seven-joint arm that reaches around pillars, on MuJoCo.
 
-MuJoCo itself is imported when the first simulation is made.
+MuJoCo is imported when the first simulation is created.
 """
 
 from cotlearn.renamed import renamed

@@ -1,4 +1,4 @@
-"""The arm's two tasks, each as a `Task`."""
+"""The `Task` of each of the arm's two tasks, ring and avoid."""
 
 import functools
 

@@ -1,4 +1,4 @@
-"""The arm among its pillars as lines and surfaces of matplotlib, for where there is no OpenGL."""
+"""Draws the arm and its pillars with matplotlib, for machines without OpenGL."""
 
 from typing import Any
 
@@ -21,9 +21,10 @@ VIEWS = {"front": (26.0, -58.0), "above": (89.9, -180.0)}  #: elevation and azim
 
 
 def arm_space(figure: Figure) -> Any:
-    """3D axes that cover a figure to its edges.
+    """Add 3D axes that cover a figure to its edges.
 
-    3D axes draw in a square, so it is as wide as the longer side, and goes beyond the shorter one.
+    3D axes draw in a square; this square is as wide as the longer side of the figure and extends
+    beyond the shorter one.
     """
     width, height = figure.get_size_inches()
     wide, high = max(width, height) / width, max(width, height) / height
@@ -31,12 +32,12 @@ def arm_space(figure: Figure) -> Any:
 
 
 def draw_picture(points: Array, state: Array, size: tuple[int, int], view: str) -> Image:
-    """A picture (height, width, 3) of what `draw_arm` draws, without the axes.
+    """Render `draw_arm` without axes to an image (height, width, 3), uint8.
 
     Args:
         points: as for `draw_arm`.
         state: as for `draw_arm`.
-        size: width and height, pixels.
+        size: width and height in pixels.
         view: a key of `VIEWS`.
     """
     figure = Figure(figsize=(size[0] / 100, size[1] / 100), dpi=100)
@@ -52,15 +53,15 @@ def draw_arm(ax: Any, points: Array, state: Array, *, view: str = "front", zoom:
 
     Args:
         ax: 3D axes.
-        points: (10, 3), base, seven joints, flange and tip, as `skeleton` finds them.
+        points: (10, 3), base, seven joints, flange and tip, as `skeleton` returns them.
         state: (columns,), see `task.columns`.
         view: a key of `VIEWS`.
-        zoom: how large; 1 leaves room for the words of the axes.
+        zoom: magnification; 1 leaves room for the labels of the axes.
     """
     corners = np.array([[-0.13, -0.48], [0.88, -0.48], [0.88, 0.48], [-0.13, 0.48]])
     table = np.column_stack([corners, np.zeros(4)])
     ax.add_collection3d(Poly3DCollection([table], facecolor=TABLE, edgecolor=EDGE, zorder=0))
-    ax.computed_zorder = False  # the table lies under all, and the arm hides what is behind it
+    ax.computed_zorder = False  # fixed order: table at the back, arm in front
     for pillar in pillars(state):
         draw_pillar(ax, pillar)
     ax.scatter(*state[GOAL], s=26, color=GOAL_MARK, zorder=3, depthshade=False)
@@ -77,7 +78,7 @@ def draw_arm(ax: Any, points: Array, state: Array, *, view: str = "front", zoom:
 
 
 def draw_pillar(ax: Any, pillar: Array) -> None:
-    """Draws a cylinder with a round top, lit from where the camera is.
+    """Draws a cylinder with a round top, lit from the front.
 
     Args:
         ax: 3D axes.
@@ -98,5 +99,5 @@ def draw_pillar(ax: Any, pillar: Array) -> None:
         shade=False,
         linewidth=0,
         antialiased=False,
-        zorder=2,  # where the axes do not compute it
+        zorder=2,  # used because computed_zorder is False
     )

@@ -18,29 +18,32 @@ from cotlearn.validation import check_choice, check_count
 class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
     """Reach around pillars to a goal.
 
-    Observations: the state, float64, metres; `cotlearn.robots.arm.columns(kind)` names its
-    columns: tip, goal, then x, y, radius and height of each pillar.
+    Observations: the state, float64, metres. Its columns are named by
+    `cotlearn.robots.arm.task.columns(kind)`: tip, goal, then x, y, radius and height of each
+    pillar.
 
-    Actions, float32: with "tip" where the tip shall be at the end of the control step, (3,),
-    metres; the tool points down. With "joints" the seven joint angles, (7,), radians.
+    Actions, float32: with "tip" the target (3,) of the tip at the end of the control step, metres;
+    the tool points down. With "joints" the seven joint angles, (7,), radians.
 
-    An episode terminates when the arm touches a pillar, the table or itself, and otherwise after
-    40 control steps of a tenth of a second, when the arm has settled. The reward is 0 until then;
-    at the end it is 1 if the tip is within 2.5 cm of the goal, less than a half if it is not, and
-    0 if something was touched.
+    An episode terminates when the arm touches a pillar, the table or itself, or after 40 control
+    steps of 0.1 s, when the arm has settled. The reward is 0 before the end. At the end it is 1 if
+    the tip is within 2.5 cm of the goal, below 0.5 if it is farther away, and 0 after a
+    collision.
 
-    `info` has "success", "collision", "touched" (what, or ""), "goal_error" (metres),
-    "unreachable" (whether this action's target was out of reach: the arm went as near as it got),
-    and "mode", the number in `cotlearn.robots.arm.MODES`, -1 without a success.
+    `info` has "success", "collision", "touched" (the touched object, or ""), "goal_error" (metres),
+    "unreachable" (whether the last target was out of reach, so that the arm moved to the nearest
+    posture it found) and "mode", an index of `cotlearn.robots.arm.MODES`, -1 without success.
 
     Args:
         kind: "ring" or "avoid".
         action_type: "tip" or "joints".
-        render_mode: "rgb_array" or None. No display is needed, and no OpenGL either: without it
-            the arm is drawn by matplotlib.
-        width: of a picture, pixels.
-        height: of a picture, pixels.
-        camera: "front", "above" or "wrist". The last moves with the hand, and needs OpenGL.
+        render_mode: "rgb_array" or None. No display is needed; without OpenGL, matplotlib draws.
+        width: of an image, in pixels.
+        height: of an image, in pixels.
+        camera: "front", "above" or "wrist", which moves with the hand and needs OpenGL.
+
+    Raises:
+        ValueError: an option is unknown, or the image is larger than 960 x 720.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": round(1 / task.CONTROL_SECONDS)}  # noqa: RUF012
@@ -77,11 +80,12 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
         """Starts an episode.
 
         Args:
-            seed: makes the start repeatable.
-            options: {"state": (columns,)} starts there.
+            seed: of the random start.
+            options: {"state": (columns,)} sets the start; None draws it.
 
         Raises:
-            ValueError: `options` holds anything else, or a start that cannot be.
+            TypeError: the state does not hold real numbers.
+            ValueError: `options` has another key, or the start is impossible.
         """
         super().reset(seed=seed)
         state = chosen_start(options, self._state_limits)
@@ -94,11 +98,11 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
         return self._sim.states[0], self._info()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Leads the arm to `action` for a tenth of a second.
+        """Moves the arm towards `action` for one control step of 0.1 s.
 
         Raises:
-            TypeError: `action` is not made of real numbers.
-            ValueError: it has another shape than the action space, is not finite or lies outside.
+            TypeError: `action` does not hold real numbers.
+            ValueError: `action` has a wrong shape, is not finite or lies outside the action space.
         """
         sim, limits = self._sim, self._limits
         target = check_numbers(action, limits, "action", shape=limits[0].shape)
@@ -110,7 +114,7 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
         return sim.states[0], reward, over, False, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture (height, width, 3); None without a mode."""
+        """An image (height, width, 3), uint8; None if render_mode is None."""
         if self.render_mode is None:
             return None
         sim = self._sim
@@ -119,7 +123,7 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
         return self._painter.paint(sim.models[0], sim.data[0], sim.states[0])
 
     def close(self) -> None:
-        """Frees what rendering holds; may be called twice."""
+        """Frees the resources of rendering; may be called twice."""
         if self._painter is not None:
             self._painter.close()
             self._painter = None

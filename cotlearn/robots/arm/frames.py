@@ -1,4 +1,4 @@
-"""The arm's world seen along the way to the goal."""
+"""The arm's goal frame: x axis from the tip to the goal."""
 
 import functools
 
@@ -8,23 +8,22 @@ from cotlearn.robots.arm import task
 from cotlearn.robots.plane import rotate
 from cotlearn.robots.task import Array
 
-_NEAR = 0.03  #: metres from the goal where its direction begins to matter less
+_NEAR = 0.03  #: metres from the goal within which the direction to it counts less
 
 
 class GoalFrame:
-    """Everything seen from above the tip, along the way to the goal.
+    """A frame with the tip as its origin and the x axis in the direction of the goal.
 
-    The origin is the tip of the last state, and the x axis points from there to the goal. The
-    variance of actions given the condition is the same in all rigid frames, so what a frame
-    removes is variance *between* conditions. Of the frames that were tried (origin at the base,
-    tip, goal or pillars; x axis fixed, from the tip or the pillars to the goal) this one has the
-    least variance, for chunks of both kinds and for the whole paths of "ring". Whole paths of
-    "avoid" vary as little in the world itself, where the rows of pillars always stand alike.
-    Near the goal the direction to it means little, so it fades into the direction from the pillars
-    to the goal.
+    Origin and direction are those of the last state. The variance of actions given the condition is
+    the same in all rigid frames, so a frame only removes variance *between* conditions. Of the
+    frames that were tried (origin at the base, tip, goal or pillars; x axis fixed, or from the tip
+    or the pillars to the goal) this one has the least variance for chunks of both kinds and for the
+    whole paths of "ring". Whole paths of "avoid" vary as little in the world frame, where the rows
+    of pillars hardly move. Near the goal, where the direction to it means little, the x axis turns
+    towards the direction from the pillars to the goal.
 
-    A state becomes tip, goal and pillars in that frame; heights are over the table. Actions are
-    seen from the tip in height, too.
+    Observed states hold tip, goal and pillars in this frame, with heights above the table. Actions
+    are relative to the tip, also in height.
 
     Args:
         kind: "ring" or "avoid".
@@ -34,7 +33,7 @@ class GoalFrame:
         self.features = len(task.columns(kind))
 
     def observe(self, history: Array) -> Array:
-        """(B, T, columns) from states (B, T, columns): all seen from the last one."""
+        """Transform states (B, T, columns) to the frame of the last state, (B, T, columns)."""
         origin, cos, sin = _frame(history)
         seen = history.copy()
         for first in (0, 3, *range(task.FIRST_PILLAR, history.shape[-1], 4)):
@@ -43,7 +42,7 @@ class GoalFrame:
         return seen
 
     def to_frame(self, actions: Array, history: Array) -> Array:
-        """Actions (B, n, 3) seen from the tip of the last state."""
+        """Transform world actions (B, n, 3) to the frame of the last state."""
         origin, cos, sin = _frame(history)
         away = actions - origin
         return np.concatenate([rotate(away[..., :2], cos, -sin), away[..., 2:]], axis=-1)

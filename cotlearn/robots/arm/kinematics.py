@@ -1,7 +1,7 @@
-"""Where the arm's tool is, and which joint angles bring it somewhere; for many arms at once.
+"""Forward and inverse kinematics of the arm, for many arms at once.
 
 The lengths and angles are the Denavit-Hartenberg parameters of the Franka Panda in Craig's
-convention, as its maker publishes them. A rod is fixed to the flange along its axis.
+convention, as published by its manufacturer. The tool is a rod along the axis of the flange.
 """
 
 import math
@@ -17,37 +17,37 @@ JOINTS = 7
 _A = np.array([0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088])
 _ALPHA = np.array([0, -1, 1, 1, -1, 1, 1]) * (math.pi / 2)
 _D = np.array([0.333, 0.0, 0.316, 0.0, 0.384, 0.0, 0.0])
-FLANGE = 0.107  #: along the axis of the last joint
+FLANGE = 0.107  #: metres from the last joint to the flange, along the joint's axis
 
 LOWER = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])
 UPPER = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973])
 SPEED = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])  #: radians a second at most
 
-#: The posture that is preferred among all that hold the tool alike: over the table, tool down.
+#: The preferred posture among all postures with the same tip: over the table, tool down.
 REST = np.array([0.0, 0.0, 0.0, -2.2, 0.0, 2.2, math.pi / 4])
 
-TOLERANCE = 1e-4  #: metres; a target farther from the tip than this has not been reached
-TILT = 1e-3  #: radians that the tool may deviate from straight down
-_LEVER = 0.2  #: metres that weigh as much as a radian of tilt
-_DAMPING = 1e-8  #: smallest square of the damping, in square metres
-_POSTURE = 0.3  #: share of the way to the preferred posture that an iteration tries to go
-_FARTHEST = 0.15  #: metres that an iteration aims at
+TOLERANCE = 1e-4  #: largest distance of the tip from a reached target, metres
+TILT = 1e-3  #: largest tilt of the tool from straight down at a reached target, radians
+_LEVER = 0.2  #: metres of error that weigh as much as a radian of tilt
+_DAMPING = 1e-8  #: smallest squared damping, in square metres
+_POSTURE = 0.3  #: share of the way to the preferred posture that an iteration attempts
+_FARTHEST = 0.15  #: largest step of the tip that an iteration aims at, metres
 
-# The frame of a joint in that of the one before, at angle 0: turned by alpha about x, then moved.
+# The frame of a joint in the previous joint's frame at angle 0: rotated by alpha about x, shifted.
 _OFFSETS = np.stack([_A, -np.sin(_ALPHA) * _D, np.cos(_ALPHA) * _D], axis=1)
 _COS_ALPHA, _SIN_ALPHA = np.cos(_ALPHA), np.sin(_ALPHA)
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Where the parts of n arms are.
+    """The positions of the parts of n arms, in metres.
 
     Attributes:
-        origins: (n, 7, 3), of the joints.
-        axes: (n, 7, 3), about which they turn.
-        flange: (n, 3).
-        tip: (n, 3).
-        down: (n, 3), the direction of the tool.
+        origins: (n, 7, 3), positions of the joints.
+        axes: (n, 7, 3), rotation axes of the joints, unit vectors.
+        flange: (n, 3), position of the flange.
+        tip: (n, 3), position of the tool's tip.
+        down: (n, 3), direction of the tool, a unit vector.
     """
 
     origins: Array
@@ -58,19 +58,19 @@ class Chain:
 
     @property
     def jacobian(self) -> Array:
-        """(n, 3, 7), how the tip moves with the joints."""
+        """The Jacobian (n, 3, 7) of the tip's position with respect to the joint angles."""
         return _cross(self.axes, self.tip[:, None] - self.origins)
 
     @property
     def tilting(self) -> Array:
-        """(n, 3, 7), how the direction of the tool moves with the joints."""
+        """The Jacobian (n, 3, 7) of the tool's direction with respect to the joint angles."""
         return _cross(self.axes, self.down[:, None])
 
 
 def forward(joints: Array) -> Chain:
-    """Forward kinematics of joint angles (n, 7)."""
+    """Forward kinematics of joint angles (n, 7), in radians."""
     cos, sin = np.cos(joints), np.sin(joints)
-    frames = np.zeros((len(joints), JOINTS, 3, 3))  # at first each in that of the joint before
+    frames = np.zeros((len(joints), JOINTS, 3, 3))  # at first relative to the previous joint
     frames[..., 0, 0], frames[..., 0, 1] = cos, -sin
     frames[..., 1, 0], frames[..., 1, 1] = sin * _COS_ALPHA, cos * _COS_ALPHA
     frames[..., 2, 0], frames[..., 2, 1] = sin * _SIN_ALPHA, cos * _SIN_ALPHA
@@ -88,7 +88,7 @@ def forward(joints: Array) -> Chain:
 
 
 def skeleton(joints: Array) -> Array:
-    """(n, 10, 3), the base, the joints, the flange and the tip of the tool, of joints (n, 7)."""
+    """Positions (n, 10, 3) of base, joints, flange and tip for joint angles (n, 7)."""
     chain = forward(joints)
     ends = np.stack([chain.flange, chain.tip], axis=1)
     return np.concatenate([np.zeros((len(ends), 1, 3)), chain.origins, ends], axis=1)
@@ -96,13 +96,13 @@ def skeleton(joints: Array) -> Array:
 
 @dataclass(frozen=True)
 class Solution:
-    """What inverse kinematics found for n targets.
+    """The result of inverse kinematics for n targets.
 
     Attributes:
-        joints: (n, 7), within the limits; for a target out of reach, as near as it got.
-        error: (n,), metres between tip and target.
+        joints: (n, 7), joint angles within their limits; the last iterate if out of reach.
+        error: (n,), distance of the tip from the target, metres.
         tilt: (n,), sine of the angle between the tool and straight down.
-        reached: (n,), whether both are within `TOLERANCE` and `TILT`.
+        reached: (n,), whether error and tilt are within `TOLERANCE` and `TILT`.
     """
 
     joints: Array
@@ -112,26 +112,26 @@ class Solution:
 
 
 def solve(targets: Array, start: Array | None = None) -> Solution:
-    """Joint angles that bring the tip to targets, the tool pointing down.
+    """Inverse kinematics: joint angles that bring the tip to targets, with the tool pointing down.
 
-    Damped least squares: with the error e of tip and tilt and its Jacobian J, each iteration goes
-    Δq = r + Jᵀ (J Jᵀ + λ² I)⁻¹ (e - J r), where r pulls to the posture `REST` in what the task
-    leaves free, and λ² = |e|² / 10 + 10⁻⁸ (Sugihara 2011, with other factors). A target that has
-    been reached iterates no more, and so no row depends on the others. There are at most 20
-    iterations from a given start, and 100 otherwise.
+    This is damped least squares. With the error e of tip and tilt and its Jacobian J, each
+    iteration takes the step Δq = r + Jᵀ (J Jᵀ + λ² I)⁻¹ (e - J r), where r pulls the redundant
+    degrees of freedom towards `REST`, and λ² = |e|² / 10 + 10⁻⁸ (Sugihara 2011, with other
+    factors). Rows that have reached their target stop, so that rows are independent. There are at
+    most 20 iterations from a given start, otherwise 100.
 
     Args:
         targets: (n, 3), metres.
-        start: (n, 7), where to begin: near the solution it takes 1 to 3 iterations. None begins at
-            `REST` turned towards each target, and comes to rest in the posture, so that the
-            solution depends on the target alone.
+        start: (n, 7), initial joint angles; near the solution 1 to 3 iterations suffice. If None,
+            start at `REST` rotated towards each target and iterate until the posture is at rest,
+            so that the solution depends only on the target.
     """
     if start is None:
         q = np.tile(REST, (len(targets), 1))
         q[:, 0] += np.arctan2(targets[:, 1], targets[:, 0])
     else:
         q = start.copy()
-    # farther away than this it is the direction that counts
+    # of targets farther away than this only the direction counts
     targets = np.clip(targets, LOW - 1.0, HIGH + 1.0)
     error, tilt = np.empty(len(q)), np.empty(len(q))
     rows = np.arange(len(q))
@@ -156,7 +156,7 @@ def solve(targets: Array, start: Array | None = None) -> Solution:
 
 
 def _step(chain: Chain, away: Array, q: Array) -> Array:
-    """(n, 7), one iteration of damped least squares."""
+    """The step (n, 7) of one iteration of damped least squares."""
     far = np.linalg.norm(away, axis=1, keepdims=True)
     aim = away * np.minimum(1.0, _FARTHEST / np.maximum(far, 1e-12))
     e = np.concatenate([aim, -_LEVER * chain.down[:, :2]], axis=1)
@@ -170,7 +170,7 @@ def _step(chain: Chain, away: Array, q: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """(n, 3, 7), the cross products of vectors (n, 7, 3); np.cross takes three times as long."""
+    """Cross products (n, 3, 7) of vectors (n, 7, 3); np.cross takes three times as long."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)

@@ -1,4 +1,4 @@
-"""MuJoCo's model of the arm in a world with pillars. MuJoCo is imported when it is needed."""
+"""MuJoCo's model of the arm and its pillars; MuJoCo is imported when it is needed."""
 
 import functools
 import importlib
@@ -15,10 +15,10 @@ _MJCF = Path(__file__).with_name("arm.xml").read_text(encoding="utf-8")
 
 @functools.cache
 def mujoco() -> Any:
-    """The module mujoco.
+    """Import and return the module mujoco.
 
     Raises:
-        ModuleNotFoundError: it is not installed.
+        ModuleNotFoundError: MuJoCo is not installed.
     """
     wanted = os.environ.get("MUJOCO_GL")
     try:
@@ -27,7 +27,7 @@ def mujoco() -> Any:
         hint = "the arm needs MuJoCo; install it with: pip install 'cotlearn[course]'"
         raise ModuleNotFoundError(hint, name=error.name) from error
     except (ImportError, AttributeError, RuntimeError):
-        # the OpenGL that MUJOCO_GL asks for is not there, and some versions import it at once
+        # MUJOCO_GL names a missing OpenGL backend, which some versions import immediately
         if wanted is None:
             raise
         os.environ["MUJOCO_GL"] = "disable"

@@ -1,4 +1,4 @@
-"""The mode of a path: which way the tip passes the pillars."""
+"""The mode of a path: on which side the tip passes the pillars."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,17 +8,20 @@ from cotlearn.robots.task import Array
 
 
 def mode_of_path(paths: Array, kind: str) -> NDArray[np.int64]:
-    """The mode of each path, a number in `task.MODES[kind]`: which way the tip passes the pillars.
+    """The mode of each path, an index of `task.MODES[kind]`: how the tip passes the pillars.
 
-    It is decided where the path passes a row of pillars for the last time; -1 where it does not
-    pass a row, or turns back. In "ring" a row is the plane through the pillar across the direction
-    from start to goal; the path went over the pillar if it is clearer of it upwards than sideways
-    there, and else left or right. In "avoid" it is the plane x = the middle of the row; the gap is
-    the number of pillars with a smaller y.
+    The mode is read where the path crosses the plane of a row of pillars for the last time; it is
+    -1 if the path does not cross a plane or turns back. In "ring" the plane goes through the
+    pillar, perpendicular to the direction from start to goal. The mode is "over" if the tip clears
+    the pillar by more in height than to the side, else "left" or "right". In "avoid" the plane is
+    x = the row's middle, and the gap is the number of pillars with a smaller y.
 
     Args:
         paths: (n, T, columns), states.
         kind: "ring" or "avoid".
+
+    Returns:
+        (n,).
     """
     tip = paths[..., TIP]
     posts = pillars(paths[:, 0])
@@ -42,7 +45,7 @@ def mode_of_path(paths: Array, kind: str) -> NDArray[np.int64]:
 
 
 def _at_last_pass(forward: Array, values: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Two values (n, T, 2) where forward (n, T) last rises through 0, and whether it does."""
+    """Interpolate values (n, T, 2) where forward (n, T) last rises through 0; whether it does."""
     rising = (forward[:, :-1] < 0) & (forward[:, 1:] >= 0)
     passed = rising.any(axis=1)
     last = rising.shape[1] - 1 - rising[:, ::-1].argmax(axis=1)

@@ -1,9 +1,9 @@
-"""Pictures of the arm: by OpenGL without a display, or else drawn by matplotlib.
+"""Images of the arm, rendered by OpenGL without a display or drawn by matplotlib.
 
-The ways are tried in the order EGL, OSMesa, matplotlib (on a Mac CGL, on Windows GLFW, then
-matplotlib). The environment variable MUJOCO_GL chooses one of them; "disable" means matplotlib.
-A driver can end the process that tries it, and a process can use only one of them, so each is
-tried in a process of its own, once.
+Backends are tried in the order EGL, OSMesa, matplotlib (macOS: CGL, matplotlib; Windows: GLFW,
+matplotlib). The environment variable MUJOCO_GL selects one; "disable" means matplotlib. A driver
+can crash the process, and a process can use only one backend, so each is tried once in a separate
+process.
 """
 
 import functools
@@ -24,11 +24,11 @@ from cotlearn.robots.task import Array
 BACKENDS = {"Linux": ("egl", "osmesa"), "Darwin": ("cgl",), "Windows": ("glfw",)}
 DRAWN = "matplotlib"
 _TRIAL = "import mujoco as m; m.Renderer(m.MjModel.from_xml_string('<mujoco/>'))"
-_SECONDS = 60  #: after which a trial has failed
+_SECONDS = 60  #: time limit of a trial
 
 
 def backend() -> str:
-    """How pictures are made here: "egl", "osmesa", "cgl", "glfw" or "matplotlib"."""
+    """The backend of this machine: "egl", "osmesa", "cgl", "glfw" or "matplotlib"."""
     wanted = os.environ.get("MUJOCO_GL", "").strip().lower()
     if wanted in ("disable", "disabled", "off", "false", "0"):
         return DRAWN
@@ -50,15 +50,15 @@ def _works(name: str) -> bool:
 
 
 class Painter:
-    """Makes pictures of the arm; in the way of `backend`, which is noted in `how`.
+    """Renders images of the arm with `backend`; the attribute `how` names the one in use.
 
     Args:
-        model: an `MjModel` of the arm; a picture's model may differ from it in its pillars only.
-        size: width and height of the pictures, pixels.
-        camera: of the model, "front", "above" or "wrist".
+        model: an `MjModel` of the arm; a rendered model may differ from it only in its pillars.
+        size: width and height of the images in pixels.
+        camera: a camera of the model: "front", "above" or "wrist".
 
     Raises:
-        RuntimeError: the camera at the wrist, where there is no OpenGL: it is not drawn.
+        RuntimeError: camera is "wrist", but OpenGL does not work; matplotlib does not draw it.
     """
 
     def __init__(self, model: Any, size: tuple[int, int], camera: str) -> None:
@@ -70,13 +70,13 @@ class Painter:
             try:
                 self._open()
             except (ImportError, RuntimeError, AttributeError):
-                self.close()  # this process uses another kind of OpenGL already
+                self.close()  # this process already uses another OpenGL backend
                 self.how = DRAWN
         if self.how == DRAWN and camera == "wrist":
             raise RuntimeError("camera 'wrist' needs OpenGL, which does not work here")
 
     def _open(self) -> None:
-        # not mujoco.Renderer, whose OpenGL is chosen when mujoco is imported
+        # not mujoco.Renderer, whose backend is fixed when mujoco is imported
         engine, (width, height) = mujoco(), self._size
         self._context = importlib.import_module(f"mujoco.{self.how}").GLContext(width, height)
         self._context.make_current()
@@ -91,7 +91,7 @@ class Painter:
         self._view.fixedcamid = self._model.camera(self._camera).id
 
     def paint(self, model: Any, data: Any, state: Array) -> NDArray[np.uint8]:
-        """A picture (height, width, 3) of an `MjModel` with its `MjData`, in `state` (columns,)."""
+        """Render an `MjModel` with its `MjData` in `state` (columns,): (height, width, 3) uint8."""
         if self._context is None:
             from cotlearn.robots.arm.drawing import draw_picture  # late: it loads matplotlib
 
@@ -107,7 +107,7 @@ class Painter:
         return np.ascontiguousarray(image[::-1])
 
     def close(self) -> None:
-        """Frees what the graphics library holds; may be called twice."""
+        """Frees the resources of the graphics library; may be called twice."""
         for part in (self._picture, self._context):
             if part is not None:
                 part.free()

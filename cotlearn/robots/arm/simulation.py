@@ -1,4 +1,4 @@
-"""The arm among pillars: many simulations side by side, each with MuJoCo's physics of its own."""
+"""Simulations of the arm among pillars with MuJoCo's physics."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from cotlearn.robots.task import Array
 
 
 def random_start(generator: np.random.Generator, kind: str) -> Array:
-    """Draws the state (columns,) in which an episode begins; see `task.columns`.
+    """Draws the start state (columns,) of an episode; see `task.columns`.
 
-    In "ring" a pillar stands somewhere in the middle of the table, and start and goal lie on
-    opposite sides of it, in any direction. In "avoid" two rows of pillars stand between a start
-    near the arm and a goal far from it.
+    In "ring" a pillar stands near the middle of the table, and start and goal lie on opposite sides
+    of it in a random direction. In "avoid" two rows of pillars stand between a start near the arm
+    and a goal far from it.
     """
     draw = generator.uniform
     if kind == "ring":
@@ -43,15 +43,15 @@ def random_start(generator: np.random.Generator, kind: str) -> Array:
 class ArmVectorSim:
     """Several simulations of the arm that are stepped one after the other.
 
-    An action is where the tip shall be at the end of the control step. Inverse kinematics turns it
-    into joint angles, and the joints are led there evenly, no faster than a Panda's may turn.
+    An action is the target of the tip at the end of the control step. Inverse kinematics converts
+    it to joint angles, to which the joints move at constant speed, within a Panda's speed limits.
 
     Args:
-        states: (n, columns), where they start; see `task.columns`.
+        states: (n, columns), the start states; see `task.columns`.
         kind: "ring" or "avoid".
 
     Raises:
-        ValueError: a start or goal cannot be: it is out of reach or in a pillar.
+        ValueError: a start or goal is out of reach or inside a pillar.
     """
 
     def __init__(self, states: Array, kind: str) -> None:
@@ -75,9 +75,9 @@ class ArmVectorSim:
         return cls(np.array(starts), kind)
 
     def _place(self, name: str, targets: Array) -> None:
-        """Puts the tools there, and complains where that cannot be."""
+        """Place the tips at targets (n, 3); raise ValueError where that is impossible."""
         found = solve(targets)
-        self.joints = found.joints  #: (n, 7), where the joints are led
+        self.joints = found.joints  #: (n, 7), the last commanded joint angles
         for index, (data, joints) in enumerate(zip(self.data, found.joints, strict=True)):
             what = f"the {name} {targets[index].round(4).tolist()} of states[{index}]"
             if not found.reached[index]:
@@ -91,38 +91,38 @@ class ArmVectorSim:
 
     @property
     def states(self) -> Array:
-        """(n, columns), see `task.columns`."""
+        """The current states, (n, columns); see `task.columns`."""
         for state, data in zip(self._states, self.data, strict=True):
             state[task.TIP] = data.site_xpos[self._site]
         return self._states.copy()
 
     @property
     def finished(self) -> NDArray[np.bool_]:
-        """(n,), whether something has been touched, which ends the episode."""
+        """Whether each episode has ended by a collision, (n,)."""
         return self._collision.copy()
 
     @property
     def done(self) -> NDArray[np.bool_]:
-        """(n,), whether the episode is over: something has been touched, or the time is up."""
+        """Whether each episode has ended by a collision or the time limit, (n,)."""
         return self._collision | (self._steps >= task.MAX_STEPS)
 
     def step(self, actions: ArrayLike, *, active: NDArray[np.bool_] | None = None) -> None:
-        """Leads the tips to their targets for one control step.
+        """Moves the tips towards their targets for one control step.
 
-        After the last step of an episode the target is held for a moment, so that the arm settles.
+        After the last step of an episode the target is held for 0.3 s, so that the arm settles.
 
         Args:
-            actions: (n, 3), where the tips shall be, metres. The arm goes as near as it gets to
-                what is out of reach, and `unreachable` says so.
-            active: (n,); the others stand still, as do those that are done, and their actions are
-                not looked at.
+            actions: (n, 3), targets of the tips, metres. For a target out of reach the arm moves to
+                the nearest posture that was found, and `unreachable` is set.
+            active: (n,), which simulations to step; None: all. Simulations that are inactive or
+                done stand still, and their actions are ignored.
         """
         rows = np.flatnonzero(~self.done if active is None else ~self.done & active)
         found = solve(np.asarray(actions, dtype=np.float64)[rows], self.joints[rows])
         self._lead(rows, found.joints, ~found.reached)
 
     def step_joints(self, actions: ArrayLike) -> None:
-        """Like `step`, with joint angles (n, 7) as targets; they are cut to the joints' limits."""
+        """Like `step`, with joint angles (n, 7) as targets, clipped to the joints' limits."""
         rows = np.flatnonzero(~self.done)
         targets = np.asarray(actions, dtype=np.float64)[rows]
         allowed = np.clip(targets, LOWER, UPPER)
@@ -131,11 +131,11 @@ class ArmVectorSim:
     def outcomes(self) -> dict[str, Array]:
         """The results of each episode so far, name -> (n,).
 
-        - "success": 1 if the episode is over, the tip within 2.5 cm of the goal, nothing touched;
-        - "collision": 1 if something was touched;
-        - "goal_error": metres from the tip to the goal now;
-        - "unreachable": control steps whose target was out of reach;
-        - "mode": the number in `task.MODES`, -1 without a success.
+        - "success": 1 if the episode ended with the tip within 2.5 cm of the goal, no collision;
+        - "collision": 1 after a collision;
+        - "goal_error": current distance of the tip from the goal, metres;
+        - "unreachable": number of control steps whose target was out of reach;
+        - "mode": index in `task.MODES`, -1 without success.
         """
         states = self.states
         error = np.linalg.norm(states[:, task.TIP] - states[:, task.GOAL], axis=1)
@@ -150,7 +150,7 @@ class ArmVectorSim:
         }
 
     def touched(self) -> list[str]:
-        """(n,), what is touched, "" for nothing."""
+        """The name of the object that each arm touches, (n,); "" for none."""
         found = []
         for model, data in zip(self.models, self.data, strict=True):
             names = [model.geom(geom).name for geom in data.contact.geom[:1].ravel()]
@@ -159,14 +159,14 @@ class ArmVectorSim:
         return found
 
     def _lead(self, rows: NDArray[np.int64], goals: Array, missed: NDArray[np.bool_]) -> None:
-        """Leads the joints in some simulations to goals (rows, 7), evenly over the control step."""
+        """Move the joints of some simulations to goals (rows, 7) at constant speed."""
         self.unreachable[rows] = missed
         self._missed[rows] += missed
         before = self.joints[rows]
         most = (np.abs(goals - before) / (SPEED * task.CONTROL_SECONDS)).max(axis=1)
         after = before + (goals - before) / np.maximum(most, 1.0)[:, None]
         self.joints[rows] = after
-        # a joint's controller trails by lag x speed: its command runs ahead by as much
+        # a joint lags behind its command by lag x speed, so the command is advanced by as much
         ahead = (after - before) / task.CONTROL_SECONDS * self._lag
         shares = np.arange(1, task.SUBSTEPS + 1) / task.SUBSTEPS
         commands = before[:, None] + shares[:, None] * (after - before)[:, None] + ahead[:, None]
@@ -180,7 +180,7 @@ class ArmVectorSim:
             place[:, task.TIP] = self.data[row].site_xpos[self._site]
 
     def _follow(self, row: int, course: Array) -> bool:
-        """Physics along commands (steps, 7); stops at a contact and returns whether there was."""
+        """Simulate along commands (steps, 7) until a contact; return whether there was one."""
         model, data, step = self.models[row], self.data[row], self._engine.mj_step
         for command in course:
             data.ctrl[:] = command

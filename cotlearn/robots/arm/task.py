@@ -1,8 +1,8 @@
-"""The numbers that define the arm's tasks: lengths in metres, angles in radians, times in seconds.
+"""The constants of the arm's tasks: lengths in metres, angles in radians, times in seconds.
 
-The world: the arm stands at the origin on a table whose top is z = 0, and looks along x. The tool
-is a rod that always points straight down; its tip is what moves. Pillars are upright capsules: a
-cylinder with a round top.
+The arm stands at the origin and faces along x; the table top is z = 0. The tool is a rod that
+always points straight down; actions move its tip. Pillars are upright capsules: cylinders with a
+round top.
 """
 
 import numpy as np
@@ -11,37 +11,37 @@ from numpy.typing import NDArray
 KINDS = ("ring", "avoid")
 ROWS = {"ring": (1,), "avoid": (2, 3)}  #: pillars in each row that the tip has to pass
 PILLARS = {kind: sum(rows) for kind, rows in ROWS.items()}
-#: Names of the modes, which way the tip passes the pillars: left and right as one looks from
-#: start to goal, gaps in the order of y.
+#: Names of the modes, the ways past the pillars: left and right in the direction from start to
+#: goal; gaps in the order of y.
 MODES = {
     "ring": ("left", "right", "over"),
     "avoid": tuple(f"gap {first}, gap {second}" for first in range(3) for second in range(4)),
 }
 
 TIP, GOAL = slice(0, 3), slice(3, 6)  #: columns of a state
-FIRST_PILLAR = 6  #: from here on x, y, radius and height of each pillar
+FIRST_PILLAR = 6  #: first column of the pillars: x, y, radius and height of each
 
 MAX_STEPS = 40  #: control steps of an episode
 CONTROL_SECONDS = 0.1  #: between two actions
 PHYSICS_SECONDS = 0.01
 SUBSTEPS = round(CONTROL_SECONDS / PHYSICS_SECONDS)
-SETTLE = 3  #: control steps that the last target is held before the end is judged
+SETTLE = 3  #: control steps for which the last target is held before success is judged
 SUCCESS = 0.025  #: the tip must end this close to the goal
 
 ROD_RADIUS = 0.01
 TOOL = 0.26  #: from the flange to the tip
 
-#: Targets of the tip lie in this box. Not all of it can be reached.
+#: Targets of the tip lie in this box; not every point in it can be reached.
 LOW = np.array([0.15, -0.45, 0.0])
 HIGH = np.array([0.85, 0.45, 0.6])
 
-UNIT = 2.0**-14  #: unit of stored places, metres; the expert's actions are multiples of it
-FAR = 2.0  #: no part of a state is farther from the base
-PICTURE = (960, 720)  #: largest width and height of a rendered picture, pixels
+UNIT = 2.0**-14  #: unit of stored positions, metres; the expert's actions are multiples of it
+FAR = 2.0  #: largest absolute value in a state
+PICTURE = (960, 720)  #: largest width and height of a rendered image, pixels
 
-#: From these an episode begins.
-RING_RADIUS = (0.15, 0.20)  #: of start and goal from the pillar
-RING_TURN = 0.5  #: the goal is opposite of the start, give or take this
+#: Ranges of the random starts.
+RING_RADIUS = (0.15, 0.20)  #: distance of start and goal from the pillar
+RING_TURN = 0.5  #: largest deviation of the goal from the direction opposite to the start
 RING_PILLAR = ((0.49, 0.55), (-0.05, 0.05), (0.03, 0.05), (0.12, 0.20))  #: x, y, radius, height
 RING_HEIGHT = (0.04, 0.08)  #: of start and goal
 AVOID_START = ((0.30, 0.33), (-0.12, 0.12), (0.04, 0.08))  #: x, y, z
@@ -60,5 +60,5 @@ def columns(kind: str) -> tuple[str, ...]:
 
 
 def pillars(states: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., pillars, 4): x, y, radius and height, from states (..., columns)."""
+    """The pillars (..., pillars, 4) of states (..., columns): x, y, radius and height."""
     return states[..., FIRST_PILLAR:].reshape(*states.shape[:-1], -1, 4)
