@@ -1,6 +1,6 @@
-"""Demonstrations: read and check them, split them, exchange them.
+"""Demonstrations: read, check, split and convert them.
 
-``read(path)`` takes this course's `.npz`, and of Push-T Diffusion Policy's zarr and LeRobot's
+``read(path)`` reads this course's `.npz` and, for Push-T, Diffusion Policy's zarr and LeRobot's
 parquet layout.
 """
 

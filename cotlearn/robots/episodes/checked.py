@@ -1,4 +1,4 @@
-"""Episodes as arrays, checked."""
+"""`Episodes`, validated arrays of demonstrations, and their split."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from cotlearn.validation import check_count
 
 @dataclass(frozen=True)
 class Episodes:
-    """Demonstrations, one after the other; row t holds a state and the action taken in it.
+    """Concatenated demonstrations; row t holds a state and the action taken in it.
 
     Attributes:
-        state: (N, columns of the task's states).
-        action: (N, columns of its actions).
-        ends: (E,), where each episode ends, exclusive.
-        name: where they come from.
-        intention: as action, what the demonstrator meant before noise was added; None if unknown.
-        seed: (E,), `env.reset(seed=...)` gives the start; None if unknown.
-        mode: (E,), the mode that the demonstrator chose, 0, 1, ...; None if unknown.
-        task: what was demonstrated.
+        state: (N, columns), states.
+        action: (N, columns), actions.
+        ends: (E,), exclusive end of each episode.
+        name: where the episodes come from.
+        intention: (N, columns), the demonstrator's actions before noise; None if unknown.
+        seed: (E,), seeds of the starts, as in `env.reset(seed=...)`; None if unknown.
+        mode: (E,), the modes that the demonstrator chose, 0, 1, ...; None if unknown.
+        task: the demonstrated task.
 
     Raises:
-        TypeError: an array does not hold real numbers, or `ends` no integers.
-        ValueError: shapes, ends or values do not fit; says where.
+        TypeError: an array does not hold real numbers, or `ends` does not hold integers.
+        ValueError: shapes, ends or values do not fit; the message names the row.
     """
 
     state: Array
@@ -61,16 +61,16 @@ class Episodes:
 
     @property
     def starts(self) -> NDArray[np.int64]:
-        """(E,), the first row of each episode."""
+        """The first row of each episode, (E,)."""
         return np.concatenate([[0], self.ends[:-1]])
 
     @property
     def lengths(self) -> NDArray[np.int64]:
-        """(E,), the rows of each episode."""
+        """The number of rows of each episode, (E,)."""
         return self.ends - self.starts
 
     def select(self, index: ArrayLike | Sequence[int]) -> Episodes:
-        """Some of the episodes, in the order of their numbers `index`."""
+        """The episodes with the numbers `index` (m,), in this order."""
         chosen = np.asarray(index)
         lengths = self.lengths[chosen]
         ends = np.cumsum(lengths)
@@ -81,7 +81,7 @@ class Episodes:
         return replace(self, state=self.state[rows], action=self.action[rows], ends=ends, **some)
 
     def _set(self, name: str, kinds: str, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Makes a field float64 or int64, if its type and shape are right."""
+        """Convert a field to float64 or int64 if its type and shape are right."""
         array = np.asarray(getattr(self, name))
         wanted = "integers" if kinds == "iu" else "real numbers"
         if array.dtype.kind not in kinds:
@@ -93,7 +93,7 @@ class Episodes:
         return array
 
     def _set_table(self, name: str, limits: Array) -> None:
-        """Sets a field of one row a step, if its numbers are finite and within the limits."""
+        """Convert a field with one row per step if its values are finite and within limits."""
         low, high = limits
         values = self._set(name, "fiu", (int(self.ends[-1]), len(low)))
         bad = ~((values >= low) & (values <= high)).all(axis=1)  # NaN is neither
@@ -110,19 +110,22 @@ class Episodes:
 def split(
     episodes: Episodes, *, held_out: int, train: int | None = None, seed: int = 0
 ) -> tuple[Episodes, Episodes]:
-    """Splits by episode, at random: windows of one episode never stand on both sides.
+    """Split at random by episode, so that windows of one episode are never on both sides.
 
-    The held-out episodes depend on `held_out` and `seed` alone, so that trainings on more and on
-    fewer episodes are judged by the same ones, and smaller training sets are parts of larger ones.
+    The held-out episodes depend only on `held_out` and `seed`: trainings on more or fewer episodes
+    are validated on the same ones, and smaller training sets are subsets of larger ones.
 
     Args:
-        episodes: at least held_out + 1.
-        held_out: episodes to keep for validation.
-        train: episodes to train on; all others if None.
+        episodes: at least held_out + 1 episodes.
+        held_out: number of episodes for validation.
+        train: number of training episodes; all others if None.
         seed: of the permutation.
 
     Returns:
-        The episodes to train on, and those held out.
+        The training episodes and the held-out episodes.
+
+    Raises:
+        ValueError: held_out or train exceeds the number of episodes.
     """
     check_count(held_out, "held_out")
     rest = len(episodes) - held_out
@@ -136,7 +139,11 @@ def split(
 
 
 def need(module: str) -> ModuleType:
-    """Imports a package that only other projects' formats need."""
+    """Import an optional package for another project's format.
+
+    Raises:
+        ModuleNotFoundError: it is not installed; the message says how to install it.
+    """
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:

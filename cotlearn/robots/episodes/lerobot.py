@@ -1,4 +1,4 @@
-"""LeRobot's layout of Push-T: parquet tables, one row a frame, and JSON that describes them."""
+"""LeRobot's layout of Push-T: parquet tables with one row per frame, and JSON metadata."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ AGENT, BLOCK, ACTION = "observation.state", "observation.environment_state", "ac
 STATES = (AGENT, BLOCK)
 EPISODE, FRAME = "episode_index", "frame_index"
 TASK = "Push the T-shaped block onto the T-shaped target."
-RIGID = 2.0  #: pixels by which key points may miss a rigid T
+RIGID = 2.0  #: largest distance of key points from a rigid T, pixels
 _PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _FIRST = "chunk-000/file-000.parquet"
 
@@ -26,7 +26,7 @@ _FIRST = "chunk-000/file-000.parquet"
 def read_lerobot(path: str | Path) -> Episodes:
     """Reads a LeRobot data set of Push-T with key points, such as lerobot/pusht_keypoints.
 
-    The pose of the T is found from its key points; a data set of images alone has none.
+    The pose of the T is computed from its key points, so image-only data sets cannot be read.
 
     Args:
         path: the folder that holds data/ and meta/.
@@ -54,12 +54,13 @@ def read_lerobot(path: str | Path) -> Episodes:
 def read_frames(path: str | Path) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
     """Reads states and actions of any LeRobot data set.
 
-    All layouts so far (one parquet file for all episodes, for each, or for some) are read: the
-    tables under data/ are put together.
+    All parquet tables under data/ are concatenated, so every layout can be read: one file for all
+    episodes, for each episode or for several.
 
     Returns:
-        Columns of the frames, by episode and frame: action (N, width), those of `STATES` that there
-        are, and the indices (N,). And (E,), where each episode ends, exclusive.
+        Columns, sorted by episode and frame: action and the existing columns of `STATES`
+        (N, width), and the episode and frame indices (N,). Then the exclusive ends (E,) of the
+        episodes.
 
     Raises:
         ModuleNotFoundError: pyarrow is not installed.
@@ -101,9 +102,9 @@ def read_frames(path: str | Path) -> tuple[dict[str, NDArray[Any]], NDArray[np.i
 
 
 def pose_of(points: Array) -> tuple[Array, Array]:
-    """The pose (n, 3) whose key points are nearest to points (n, 8, 2), and the largest miss (n,).
+    """Fit poses (n, 3) of the T to key points (n, 8, 2); also return the largest misses (n,).
 
-    Least squares over rotations and translations (Kabsch in the plane).
+    This is least squares over rotations and translations (Kabsch in the plane).
     """
     own = np.array(KEYPOINTS)
     middle, own_middle = points.mean(axis=1), own.mean(axis=0)
@@ -121,14 +122,14 @@ def write_lerobot(path: str | Path, episodes: Episodes) -> Path:
 
     Args:
         path: a folder that does not exist or is empty.
-        episodes: any.
+        episodes: episodes of Push-T.
 
     Returns:
         The folder.
 
     Raises:
         ModuleNotFoundError: pyarrow is not installed.
-        ValueError: the folder holds something already.
+        ValueError: the folder is not empty.
     """
     path = Path(path)
     if path.exists() and (not path.is_dir() or any(path.iterdir())):

@@ -1,12 +1,12 @@
-"""This course's own files of demonstrations: an `.npz` without pickles, with these arrays.
+"""This course's format of demonstrations: an `.npz` without pickles, with these arrays.
 
-- state, int16 (N, columns): before each control step, rounded to the units of the task;
-- action, int16 (N, columns): what was done in that state, exact;
-- intention, int16 (N, columns): what the expert meant before noise was added, exact;
-- episode_ends, int64 (E,): where each episode ends, exclusive, as in Diffusion Policy's files;
-- seed, uint32 (E,): `env.reset(seed=...)` gives the start of the episode, exactly;
+- state, int16 (N, columns): states before each control step, rounded to the units of the task;
+- action, int16 (N, columns): executed actions in units of the task, exact;
+- intention, int16 (N, columns): the expert's actions before noise in units of the task, exact;
+- episode_ends, int64 (E,): exclusive end of each episode, as in Diffusion Policy's files;
+- seed, uint32 (E,): seeds of the exact starts, as in `env.reset(seed=...)`;
 - mode, int8 (E,): the mode that the expert chose, if it chooses one in advance;
-- about: a JSON text: how the file was made, and the SHA-256 of the arrays.
+- about: JSON text on how the file was made, with the SHA-256 of the arrays.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ def read_npz(path: str | Path) -> Episodes:
     """Reads demonstrations that `cotlearn.robots.experts.record` wrote.
 
     Raises:
-        ValueError: the file is missing, damaged or something else; says what is wrong.
+        ValueError: the file is missing or damaged, or has another format or an unknown task.
     """
     arrays, about = read_arrays(path)
     task = TASKS.get(str(about.get("task")).lower())
@@ -57,7 +57,7 @@ def write_arrays(path: str | Path, arrays: Arrays, about: dict[str, Any]) -> Non
 
 
 def read_arrays(path: str | Path) -> tuple[Arrays, dict[str, Any]]:
-    """Reads what `write_arrays` wrote, and checks it: the arrays, and how they were made."""
+    """Reads and checks the arrays and the metadata that `write_arrays` wrote."""
     try:
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files if name != "about"}

@@ -13,13 +13,15 @@ from cotlearn.robots.episodes.checked import need
 def read_buffer(path: str | Path, states: Sequence[str] = ("data/state",)) -> tuple[Any, ...]:
     """Reads states, actions and ends of a replay buffer (2303.04137).
 
-    `pusht_cchi_v7_replay.zarr` and files like it hold data/state (N, 5) with agent x and y, block
-    x, y and angle, data/action (N, 2), and meta/episode_ends (E,); images and key points are not
-    read.
+    Files like `pusht_cchi_v7_replay.zarr` hold data/state (N, 5) with agent x and y, block x, y and
+    angle, data/action (N, 2), and meta/episode_ends (E,). Images and key points are not read.
 
     Args:
-        path: the folder, or a zip of it.
-        states: names of the states; the first that is found is read.
+        path: the folder, or a zip file of it.
+        states: candidate names of the states; the first existing one is read.
+
+    Returns:
+        The arrays of states, actions and episode ends.
 
     Raises:
         ModuleNotFoundError: zarr is not installed.

@@ -1,4 +1,4 @@
-"""Read demonstrations of every layout; write them as pictures."""
+"""Reads demonstrations of every known layout; writes them as images."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from cotlearn.robots.push_t.rasteriser import rasterise
 
 
 def read(path: str | Path) -> Episodes:
-    """Reads demonstrations, in the layout that the path suggests.
+    """Reads demonstrations; the layout is recognised from the path.
 
     Args:
         path: this course's `.npz`; Diffusion Policy's `.zarr` folder or `.zarr.zip`; or the
@@ -40,20 +40,19 @@ def read(path: str | Path) -> Episodes:
 
 
 def write_pictures(path: str | Path, episodes: Episodes, *, size: int = 96) -> None:
-    """Writes pictures, places of the agent and actions as a compressed `.npz`, atomically.
+    """Writes images, agent positions and actions as a compressed `.npz`, atomically.
 
-    For those who want to train something else on them: nothing of this course reads such files; its
-    trainings draw the pictures that they look at. The arrays are "pixels" (rows, size, size, 3)
-    uint8, "agent_pos" (rows, 2), "action" (rows, 2) float32, and "episode_ends" (episodes,),
-    exclusive.
+    This exports data for other programs; the course itself renders images when it needs them. The
+    arrays are "pixels" (rows, size, size, 3) uint8, "agent_pos" (rows, 2) float32, "action"
+    (rows, 2) float32, and "episode_ends" (episodes,), exclusive.
 
     Args:
         path: the file.
-        episodes: of Push-T; their pictures are held in memory, 28 kB each of 96 x 96.
-        size: width and height of a picture in pixels.
+        episodes: episodes of Push-T; all images are held in memory, 28 kB for each of 96 x 96.
+        size: width and height of an image in pixels.
 
     Raises:
-        ValueError: episodes of another task.
+        ValueError: the episodes are of another task.
     """
     if episodes.task is not PUSH_T:
         raise ValueError(f"episodes must be of push-t, got {episodes.task.name}")

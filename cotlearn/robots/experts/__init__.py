@@ -1,1 +1,1 @@
-"""Planned demonstrators, one folder a task, and how they are recorded."""
+"""Planned demonstrators, one folder per task, and the recording of their demonstrations."""

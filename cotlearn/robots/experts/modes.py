@@ -1,4 +1,4 @@
-"""How many modes the demonstrator shows from the same starts."""
+"""The modes that the demonstrator takes from the same starts."""
 
 from collections.abc import Sequence
 
@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 from cotlearn.progress import progress_bar
 from cotlearn.robots.task import Task
 
-_CHOICES = 3_000_000_000  #: seeds of the expert's choices from here on
+_CHOICES = 3_000_000_000  #: first seed of the expert's choices
 
 
 def demonstrated_modes(task: Task, seeds: Sequence[int], *, draws: int) -> NDArray[np.int64]:
     """The mode of each of `draws` demonstrations from each start, (starts, draws).
 
     Args:
-        task: what is demonstrated.
-        seeds: of the starts.
-        draws: demonstrations from each.
+        task: the task to demonstrate.
+        seeds: seeds of the starts.
+        draws: demonstrations from each start.
     """
     expert, sim = task.expert(), task.vector_sim(np.repeat(np.asarray(seeds), draws).tolist())
     starts = sim.states

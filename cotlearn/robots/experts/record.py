@@ -1,6 +1,6 @@
-"""Record demonstrations in parts, so that an interrupted recording goes on.
+"""Records demonstrations in parts, so that an interrupted recording can resume.
 
-`cotlearn.robots.episodes.npz` says what a file holds.
+`cotlearn.robots.episodes.npz` documents the file format.
 """
 
 import importlib.metadata
@@ -17,24 +17,24 @@ from cotlearn.robots.registry import find_task
 from cotlearn.robots.task import Array, Expert, Task
 from cotlearn.validation import check_count
 
-PART = 50  #: episodes that an interruption can cost at most
+PART = 50  #: episodes in a part, the most that an interruption can lose
 
 
 def record(path: str | Path, task: str = "push-t", *, episodes: int, seed: int) -> dict[str, Any]:
-    """Records demonstrations; goes on where an interrupted recording stopped.
+    """Records demonstrations; an interrupted recording resumes.
 
-    Episode i derives its seeds from (seed, i) alone, so that the file is the same, bit for bit, on
-    one machine, however often the recording was interrupted. Finished parts wait in a folder
+    Episode i derives its seeds only from (seed, i), so that on one machine the file is the same,
+    bit for bit, however often the recording was interrupted. Finished parts are kept in a folder
     `<path>.parts`. An episode that misses the goal is replaced by one with the next seed.
 
     Args:
-        path: the file to make; nothing is done if it holds this very recording already.
-        task: a name of `cotlearn.robots.registry`.
-        episodes: how many.
+        path: the file to write; if it already holds this recording, nothing is done.
+        task: name of a task in `cotlearn.robots.registry`.
+        episodes: number of episodes.
         seed: of the recording.
 
     Returns:
-        What the file says about itself.
+        The metadata of the file.
 
     Raises:
         ValueError: the file or the parts belong to another recording.
@@ -58,7 +58,7 @@ def record(path: str | Path, task: str = "push-t", *, episodes: int, seed: int) 
             try:
                 arrays, stored = read_arrays(part)
                 bar.update(len(numbers))
-            except ValueError:  # missing or damaged: it is made anew
+            except ValueError:  # missing or damaged: record it again
                 arrays, stored = _record_part(chosen, expert, numbers, seed, bar), about
                 write_arrays(part, arrays, about)
             if stored != about:
@@ -97,7 +97,7 @@ def _record_part(task: Task, expert: Expert, numbers: range, seed: int, bar: Any
 
 
 def _rounded(pieces: list[Array], units: tuple[float, ...]) -> NDArray[np.int16]:
-    """In units; an angle fills the 16 bits of an integer, and wraps around as they do."""
+    """Round to integer multiples of the units; a full turn of an angle wraps around 16 bits."""
     return np.rint(np.concatenate(pieces) / np.array(units)).astype(np.int64).astype(np.int16)
 
 

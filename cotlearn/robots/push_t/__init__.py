@@ -1,7 +1,7 @@
 """Push-T: push a T-shaped block onto its outline with a round finger.
 
-The task is that of Implicit Behavioral Cloning and Diffusion Policy, in the form that gym-pusht
-0.1.8 gave it; written anew on pymunk 7, which is imported when the first world is made.
+The task is that of Implicit Behavioral Cloning and Diffusion Policy, as defined by gym-pusht 0.1.8.
+It is implemented anew on pymunk 7, which is imported when the first simulation is created.
 """
 
 from cotlearn.renamed import renamed

@@ -1,4 +1,4 @@
-"""What a policy with a camera sees of a scene of Push-T."""
+"""The observations of a Push-T policy with a camera: images and proprioception."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ AGENT, PLACE, TURN = slice(0, 2), slice(2, 4), slice(4, 6)
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera over the world, and the sense that tells an arm where its hand is.
+    """A camera above the world, with proprioception of the agent's position.
 
-    Pictures are a function of the scene, so the scene is what is stored, and a picture is taken
-    whenever one is looked at. Of the scenes (B, observe * 6), as `Windows` has them in the frames
-    "agent" and "world", nothing is shown but the picture of the last step, and the places of the
-    agent in all of them: never the pose of the T.
+    Images are a function of the scene, so scenes are stored, and images are rendered when they are
+    needed. Scenes c (B, observe * 6) are conditions of `Windows` in the frames "agent" and "world".
+    A policy is given only the image of the last step and the agent's positions in all steps, never
+    the pose of the T.
 
     Attributes:
-        size: width and height of a picture in pixels.
+        size: width and height of an image in pixels.
         observe: steps of a scene.
-        low: of the columns of a scene at one step, the values that are -1 in it.
-        high: those that are 1.
+        low: (6,), the values of a step's columns that are scaled to -1.
+        high: (6,), the values that are scaled to 1.
     """
 
     size: int
@@ -35,28 +35,29 @@ class Camera:
 
     @property
     def pixels(self) -> int:
-        """Numbers of a picture: size * size * 3."""
+        """Numbers in an image: size * size * 3."""
         return self.size**2 * 3
 
     def scenes(self, c: Tensor) -> Tensor:
-        """(B, observe, 6) in the units of the world."""
+        """Scenes c as (B, observe, 6) in world units."""
         low, high = torch.tensor([self.low, self.high], dtype=c.dtype, device=c.device)
         return low + (c.view(-1, self.observe, SCENE) + 1) / 2 * (high - low)
 
     def pictures(self, c: Tensor) -> Tensor:
-        """(B, size, size, 3) uint8."""
+        """Images (B, size, size, 3), uint8, of the last step of scenes c."""
         now = self.scenes(c)[:, -1]
         angle = torch.atan2(now[:, 5], now[:, 4])
         return rasterise(torch.cat([now[:, :4], angle[:, None]], dim=1), size=self.size)
 
     def hand(self, c: Tensor) -> Tensor:
-        """Proprioception: the places of the agent, scaled as in the scenes, (B, observe * 2)."""
+        """Proprioception: the agent's positions, scaled as in scenes c, (B, observe * 2)."""
         return c.view(-1, self.observe, SCENE)[..., AGENT].flatten(1)
 
     def __call__(self, c: Tensor) -> Tensor:
-        """Pixels from 0 to 1, flattened, then proprioception: (B, pixels + observe * 2).
+        """Flattened pixels from 0 to 1, then proprioception: (B, pixels + observe * 2).
 
-        This is all that a policy is shown, as one matrix: what `PCAKMeansCondition` takes.
+        This matrix is everything that a policy observes, in the form that `PCAKMeansCondition`
+        takes.
         """
         pixels = self.pictures(c).flatten(1).to(c.dtype) / 255
         return torch.cat([pixels, self.hand(c)], dim=1)

@@ -8,7 +8,7 @@ from cotlearn.robots.push_t.simulation import PushTVectorSim
 from cotlearn.robots.push_t.task import MAX_STEPS, PIXEL, SIZE, SUCCESS, TURN
 from cotlearn.robots.task import Task
 
-_TURNS = 1e4  #: angles may have turned several times
+_TURNS = 1e4  #: largest angle in a state, which may exceed one turn
 
 #: The agent can swing a little beyond the world; the T cannot leave it by more than its size.
 PUSH_T = Task(

@@ -40,15 +40,15 @@ class PushT(gymnasium.Env[Any, Any]):
     Spaces, dynamics, reward, success and time limit are those of gym-pusht 0.1.8, and the same seed
     gives the same start.
 
-    Actions: (2,) float32, the place that the agent is pulled to, in [0, 512]². Observations:
+    Actions: (2,) float32, the target position of the agent, in [0, 512]². Observations:
 
     - "state": (5,) float64, agent x and y, T x, y and angle in [0, 2π);
     - "keypoints": {"environment_state": (16,), "agent_pos": (2,)}, corners of bar and stem;
-    - "pixels": (96, 96, 3) uint8, much like gym-pusht's pictures, but not pixel for pixel;
+    - "pixels": (96, 96, 3) uint8, similar to gym-pusht's images, but not identical;
     - "pixels_agent_pos": {"pixels": (96, 96, 3), "agent_pos": (2,)}.
 
-    The agent can overshoot the edge of the world, and a T that starts in a wall may stick out of
-    it, by a few pixels: there an observation lies outside the space that gym-pusht declared.
+    The agent can overshoot the edge of the world by a few pixels, and so can a T that starts in a
+    wall: such an observation lies outside the observation space, as in gym-pusht.
 
     The reward is min(coverage / 0.95, 1). The episode terminates when the coverage exceeds 0.95
     (`info["is_success"]`); after 300 steps `gymnasium.make` truncates it. `info["coverage"]` is
@@ -77,13 +77,13 @@ class PushT(gymnasium.Env[Any, Any]):
         """Starts an episode.
 
         Args:
-            seed: makes the start repeatable.
-            options: {"state": (5,)} starts at this state; the T's pose is the one asked for, while
-                gym-pusht's "reset_to_state" turns the T after placing it, and so moves it.
+            seed: of the random start.
+            options: {"state": (5,)} sets the start, with exactly this pose of the T (gym-pusht's
+                "reset_to_state" rotates the T after placing it, which moves it).
 
         Raises:
-            TypeError: the state is not made of real numbers.
-            ValueError: `options` holds anything else, or a state outside the world.
+            TypeError: the state does not hold real numbers.
+            ValueError: `options` has another key, or the state lies outside the world.
         """
         super().reset(seed=seed)
         state = chosen_start(options, _STARTS)
@@ -92,11 +92,11 @@ class PushT(gymnasium.Env[Any, Any]):
         return self._observe(), self._info()
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Pulls the agent to `action` for a tenth of a second.
+        """Pulls the agent towards `action` for one control step of 0.1 s.
 
         Raises:
-            TypeError: `action` is not made of real numbers.
-            ValueError: it has not shape (2,), is not finite or lies outside the world.
+            TypeError: `action` does not hold real numbers.
+            ValueError: `action` does not have shape (2,), is not finite or lies outside the world.
         """
         x, y = check_numbers(action, _ACTIONS, "action", shape=(2,)).tolist()
         self._world.step(x, y)
@@ -106,7 +106,7 @@ class PushT(gymnasium.Env[Any, Any]):
         return self._observe(), reward, info["is_success"], False, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture of (512, 512, 3), the last action marked by a cross; None without a mode."""
+        """An image (512, 512, 3) with a cross at the last action; None if render_mode is None."""
         if self.render_mode is None:
             return None
         return draw(self._world.state, size=FRAME, action=self._action)

@@ -1,4 +1,4 @@
-"""Push-T seen from the T, from the agent, or as it is."""
+"""Push-T's coordinate frames: the T's, the agent's and the world's."""
 
 import numpy as np
 
@@ -8,10 +8,11 @@ from cotlearn.robots.task import Array, IdentityFrame
 
 
 class BodyFrame:
-    """Everything seen from the T.
+    """The frame of the T.
 
-    A state becomes the agent's place, the goal's place, and the cosine and sine of the goal's
-    angle, all in the frame of the T of that state; actions are seen from the T of the last one.
+    A state becomes the agent's position, the goal's position, and the cosine and sine of the goal's
+    angle, all in the frame of the T in that state. Actions are in the frame of the T in the last
+    state.
     """
 
     features = 6
@@ -23,7 +24,7 @@ class BodyFrame:
         return _features(_turn(agent - place, -angle), goal, GOAL[2] - angle)
 
     def to_frame(self, actions: Array, history: Array) -> Array:
-        """Actions (B, n, 2) seen from the T of the last state."""
+        """Transform world actions (B, n, 2) to the frame of the T in the last state."""
         pose = history[:, -1:, 2:]
         return _turn(actions - pose[..., :2], -pose[..., 2])
 
@@ -34,7 +35,7 @@ class BodyFrame:
 
 
 class WorldFrame(IdentityFrame):
-    """Actions as they are; of a state, the cosine and sine of the T's angle for the angle."""
+    """The world frame; observations hold the cosine and sine of the T's angle, not the angle."""
 
     def __init__(self) -> None:
         super().__init__(features=6)
@@ -45,13 +46,13 @@ class WorldFrame(IdentityFrame):
 
 
 class AgentFrame(WorldFrame):
-    """States as in the world, actions as seen from the agent.
+    """States in the world frame, actions relative to the agent.
 
-    A policy with a camera can have this frame: it knows where its hand is, and not where the T is.
+    A policy with a camera can use this frame: it knows the agent's position, but not the T's pose.
     """
 
     def to_frame(self, actions: Array, history: Array) -> Array:
-        """Actions (B, n, 2) less the place of the agent in the last state."""
+        """Actions (B, n, 2) minus the agent's position in the last state."""
         return actions - history[:, -1:, :2]
 
     def from_frame(self, actions: Array, history: Array) -> Array:
@@ -64,5 +65,5 @@ def _features(agent: Array, place: Array, angle: Array) -> Array:
 
 
 def _turn(points: Array, angle: Array) -> Array:
-    """Points (..., 2) turned by angles (...)."""
+    """Rotate points (..., 2) by angles (...)."""
     return rotate(points, np.cos(angle), np.sin(angle))

@@ -1,4 +1,4 @@
-"""How much of the goal the T covers: an exact area, without clipping a polygon.
+"""The share of the goal that the T covers, computed exactly without clipping polygons.
 
 The part of a polygon P inside the rectangle [x0, x1] × [y0, y1] has the area
 
@@ -9,8 +9,8 @@ the length clamp(b) - clamp(a). Summed over the edges, taken around P, the area 
 
     Σ over edges ∫ clamp(x(y)) dy,   y along the edge, inside [y0, y1],
 
-and the mean of a clamped linear function has a closed form. Nothing is divided by a difference that
-could vanish, so edges that lie on one another do no harm.
+and the mean of a clamped linear function has a closed form. No divisor can vanish, so overlapping
+edges need no special case.
 """
 
 import functools
@@ -72,7 +72,7 @@ def nearest_side(agent: ArrayLike, pose: ArrayLike) -> NDArray[np.int64]:
     return np.asarray(((point - nearest) ** 2).sum(axis=-1).argmin(axis=1), dtype=np.int64)
 
 
-@functools.lru_cache(maxsize=4096)  # a T at rest is not measured again
+@functools.lru_cache(maxsize=4096)  # a T at rest is measured only once
 def coverage_of_one(x: float, y: float, angle: float) -> float:
     """`coverage` of a single pose, in plain Python: ten times as fast as with arrays."""
     dx, dy = x - GOAL[0], y - GOAL[1]

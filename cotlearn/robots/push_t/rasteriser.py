@@ -1,9 +1,9 @@
-"""Pictures of many states of Push-T at once, from signed distances: no graphics library.
+"""Renders many states of Push-T at once from signed distances, without a graphics library.
 
-A pixel takes the share clip(1/2 - d, 0, 1) of a shape's colour, d the signed distance of its centre
-to the shape's edge in widths of a pixel: about the share of it that the shape covers. So a shape
-that moves by a tenth of a pixel changes the picture, and 48 x 48 of these pixels show more than as
-many that are on or off.
+A pixel takes the share clip(1/2 - d, 0, 1) of a shape's colour, where d is the signed distance from
+the pixel's centre to the shape's edge in pixels. This is about the share of the pixel that the
+shape covers, so a shape that moves by a tenth of a pixel changes the image, and 48 x 48 such pixels
+show more than 48 x 48 binary ones.
 """
 
 import functools
@@ -25,16 +25,16 @@ CROSS = (220, 20, 60)
 _ARM, _STROKE = 16.0, 2.0  #: half of an arm of the cross that marks an action, and of its width
 #: The T's rectangles, x1 and y0, y1; both are symmetric in x, and overlap to hide the seam.
 _RECTANGLES = ((task.BAR[1], *task.BAR[2:]), (task.STEM[1], 0.0, task.STEM[3]))
-#: Pixels that are painted together: what stays in a core's cache is painted faster.
+#: Pixels that are painted at once; a block that fits a core's cache is faster.
 _AT_ONCE = 2**18
 
 
 def rasterise(states: ArrayLike | Tensor, *, size: int = 96) -> Tensor:
-    """Draws states, y pointing down as in gym-pusht's pictures.
+    """Renders states, with y pointing down as in gym-pusht's images.
 
     Args:
         states: (n, 5), agent x and y, T x, y and angle.
-        size: width and height of a picture in pixels.
+        size: width and height of an image in pixels.
 
     Returns:
         (n, size, size, 3) uint8, on the device of the states.
@@ -53,15 +53,15 @@ def draw(
     size: int,
     action: tuple[float, float] | None = None,
 ) -> NDArray[np.uint8]:
-    """Draws the world, y pointing down as in gym-pusht's pictures; see `rasterise` for many.
+    """Renders one state, with y pointing down as in gym-pusht's images; see `rasterise` for many.
 
     Args:
         state: agent x and y, T x, y and angle.
-        size: width and height of the picture in pixels.
-        action: marked by a cross if given.
+        size: width and height of the image in pixels.
+        action: a position to mark by a cross, or None.
 
     Returns:
-        (size, size, 3).
+        (size, size, 3), uint8.
     """
     picture = rasterise(np.array([state], dtype=np.float64), size=size)[0]
     if action is not None:
@@ -75,11 +75,11 @@ def draw(
 
 
 def paint(image: Tensor, distance: Tensor, colour: Colour) -> Tensor:
-    """Blends a colour in where the signed distance is negative, over one pixel at the edge.
+    """Paints a colour where the signed distance is negative, antialiased over one pixel.
 
     Args:
         image: (..., 3, size, size), 0 to 255.
-        distance: (..., size, size), in the unit of the world.
+        distance: (..., size, size), in world units.
         colour: red, green and blue.
     """
     share = distance.mul(-1 / (task.SIZE / image.shape[-1])).add_(0.5).clamp_(0, 1)[..., None, :, :]
@@ -88,7 +88,7 @@ def paint(image: Tensor, distance: Tensor, colour: Colour) -> Tensor:
 
 
 def _painted(states: Tensor, size: int) -> Tensor:
-    """(n, 3, size, size), whole numbers as float32."""
+    """Images (n, 3, size, size) with integer values in float32."""
     x, y = (centres.to(states.device) for centres in grid(size))
     image = _background(size).to(states.device)
     image = paint(image, _to_tee(x, y, states[:, 2:]), BLOCK)
@@ -99,7 +99,7 @@ def _painted(states: Tensor, size: int) -> Tensor:
 
 @functools.lru_cache(maxsize=8)
 def grid(size: int) -> tuple[Tensor, Tensor]:
-    """x of the pixels' columns (1, size), and y of their rows (size, 1), in the world."""
+    """World coordinates of the pixel centres: x (1, size) and y (size, 1)."""
     centres = (torch.arange(size) + 0.5) * (task.SIZE / size)
     return centres[None], centres[:, None]
 
@@ -119,7 +119,7 @@ def _background(size: int) -> Tensor:
 
 
 def _to_tee(x: Tensor, y: Tensor, pose: Tensor) -> Tensor:
-    """Signed distances to Ts with poses (n, 3), (n, size, size); at corners, to their sides."""
+    """Signed distances (n, size, size) to Ts with poses (n, 3); lower bounds near corners."""
     place, angle = pose[:, :2, None, None], pose[:, 2, None, None]
     cos, sin = torch.cos(angle), torch.sin(angle)
     x, y = x - place[:, 0], y - place[:, 1]

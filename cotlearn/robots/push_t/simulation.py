@@ -1,8 +1,8 @@
-"""The physics of Push-T on pymunk, bare: for experts, rollouts and the gymnasium environment.
+"""The physics of Push-T on pymunk, for experts, rollouts and the gymnasium environment.
 
-The agent is kinematic: a controller pulls it to the action, and nothing stops it. The T forgets
-its velocity in every step (`damping` 0), so that it moves only while it is pushed. There is no
-friction. Nothing is checked here; the environment and `rollout` have done it.
+The agent is kinematic: a controller pulls it to the action, and nothing stops it. The T loses its
+velocity in every step (`damping` 0), so that it moves only while it is pushed. There is no
+friction. Arguments are not checked here, but in the environment and in `rollout`.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from cotlearn.robots.task import Array
 
 State = tuple[float, float, float, float, float]
 
-MOVED = 1e-6  #: pixels by which a T that is pushed moves at least
+MOVED = 1e-6  #: pixels of movement above which the T counts as pushed
 
 
 def random_state(generator: np.random.Generator) -> State:
-    """Draws a start as gym-pusht does: the same generator gives the same start.
+    """Draws the same start as gym-pusht would with the same generator.
 
-    gym-pusht sets the position of an upright T and then turns it about its centre of gravity.
-    So it is the centre of gravity that is spread evenly over a square, and the T stays clear of
-    the walls for nearly all starts.
+    gym-pusht sets the position of an upright T and then rotates it about its centre of gravity. So
+    the centre of gravity is uniform over a square, and the T is clear of the walls in nearly all
+    starts.
     """
     agent = generator.integers(50, 450), generator.integers(50, 450)
     place = generator.integers(100, 400), generator.integers(100, 400)
@@ -39,10 +39,10 @@ def random_state(generator: np.random.Generator) -> State:
 
 
 class Simulation:
-    """One Push-T world.
+    """One simulation of Push-T.
 
-    One physics step with a resting agent is done at once, as in gym-pusht: if the T overlaps the
-    agent or a wall, it begins to be pushed out.
+    As in gym-pusht, the constructor takes one physics step with the agent at rest, which starts to
+    push out a T that overlaps the agent or a wall.
 
     Args:
         state: (5,), agent x and y, T x, y and angle.
@@ -57,7 +57,7 @@ class Simulation:
         low, high = task.WALLS
         left, right = ((low, high), (low, low)), ((high, low), (high, high))
         top, bottom = ((low, low), (high, low)), ((low, high), (high, high))
-        # the order in which contacts are solved follows from this one, which is gym-pusht's
+        # gym-pusht's order of walls, which determines the order of contacts
         for ends in (left, top, right, bottom):
             space.add(pymunk.Segment(space.static_body, *ends, task.WALL_RADIUS))
         agent = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
@@ -68,13 +68,13 @@ class Simulation:
         block = pymunk.Body(task.MASS, 2 * pymunk.moment_for_poly(task.MASS, bar))
         block.center_of_gravity = task.CENTRE_OF_GRAVITY
         space.add(block, pymunk.Poly(block, bar), pymunk.Poly(block, stem))
-        block.angle = angle  # first: turning is about the centre of gravity
+        block.angle = angle  # before the position: it rotates about the centre of gravity
         block.position = x, y
         self._space, self._agent, self._block, self._velocity = space, agent, block, (0.0, 0.0)
         space.step(task.PHYSICS_SECONDS)
 
     def step(self, x: float, y: float) -> None:
-        """Lets the agent follow the target (x, y) for one control step."""
+        """Pulls the agent towards the target (x, y) for one control step."""
         space_step, agent = self._space.step, self._agent
         seconds, stiffness, damping = task.PHYSICS_SECONDS, task.STIFFNESS, task.DAMPING
         agent_x, agent_y = agent.position
@@ -96,7 +96,7 @@ class Simulation:
 
     @property
     def coverage(self) -> float:
-        """The share of the goal that the T covers now."""
+        """The share of the goal that the T covers, in [0, 1]."""
         return coverage_of_one(*self.state[2:])
 
 
@@ -122,7 +122,7 @@ class PushTVectorSim:
 
         Args:
             actions: (n, 2), targets of the agents, in [0, 512].
-            active: (n,); the others stand still and their actions are not looked at.
+            active: (n,), which simulations to step; the others stand still. None: all.
         """
         before, targets = self.states, np.asarray(actions, dtype=np.float64).tolist()
         chosen = range(len(self._sims)) if active is None else np.flatnonzero(active)
@@ -142,19 +142,19 @@ class PushTVectorSim:
 
     @property
     def coverage(self) -> Array:
-        """(n,), the share of the goal that each T covers."""
+        """The share of the goal that each T covers, (n,), in [0, 1]."""
         return np.array([sim.coverage for sim in self._sims])
 
     @property
     def finished(self) -> NDArray[np.bool_]:
-        """(n,), whether the T has once covered more than 0.95 of the goal."""
+        """Whether the T has ever covered more than 0.95 of the goal, (n,)."""
         return self._best > task.SUCCESS
 
     def outcomes(self) -> dict[str, Array]:
-        """Name -> (n,).
+        """The results of each episode so far, name -> (n,).
 
-        - "coverage", the best at any time: the score of Diffusion Policy is min(1, it / 0.95);
-        - "last", the coverage now;
-        - "mode", the side of the T (0 to 7, around its outline) that was pushed first, or -1.
+        - "coverage": the best coverage; Diffusion Policy's score is min(1, coverage / 0.95);
+        - "last": the current coverage;
+        - "mode": the side of the T (0 to 7, around its outline) that was pushed first, or -1.
         """
         return {"coverage": self._best.copy(), "last": self.coverage, "mode": self._mode.copy()}

@@ -1,4 +1,4 @@
-"""The numbers that define Push-T: lengths in pixels, angles in radians, times in seconds."""
+"""The constants of Push-T: lengths in pixels, angles in radians, times in seconds."""
 
 import math
 
@@ -13,8 +13,8 @@ PHYSICS_SECONDS = 0.01
 SUBSTEPS = round(CONTROL_SECONDS / PHYSICS_SECONDS)
 STIFFNESS, DAMPING = 100.0, 20.0  #: gains of the controller that pulls the agent to the action
 
-#: The T in its own frame as rectangles (x0, x1, y0, y1). Its origin is the middle of the bar's
-#: outer edge; a pose says where that point is.
+#: The T in its own frame as rectangles (x0, x1, y0, y1). The origin, whose position a pose gives,
+#: is the middle of the bar's outer edge.
 BAR = (-60.0, 60.0, 0.0, 30.0)
 STEM = (-15.0, 15.0, 30.0, 120.0)
 RECTANGLES = (BAR, STEM)
@@ -30,8 +30,8 @@ KEYPOINTS = tuple(
     corner for x0, x1, y0, y1 in RECTANGLES for corner in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
 )
 
-PIXEL = 1 / 32  #: unit of stored places, pixels; the expert's actions are multiples of it
-TURN = 2 * math.pi / 65536  #: unit of stored angles: a turn fills 16 bits
+PIXEL = 1 / 32  #: unit of stored positions, pixels; the expert's actions are multiples of it
+TURN = 2 * math.pi / 65536  #: unit of stored angles: one turn fills 16 bits
 
 MASS = 1.0
 CENTRE_OF_GRAVITY = (0.0, 45.0)  #: in the frame of the T; not the centroid of its area

@@ -1,4 +1,4 @@
-"""The demonstrator of the arm: choose a mode, and follow a smooth path of it."""
+"""The demonstrator of the arm: it chooses a mode and follows a smooth path of this mode."""
 
 from cotlearn.robots.experts.arm.expert import ArmExpert
 

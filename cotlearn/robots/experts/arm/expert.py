@@ -1,4 +1,4 @@
-"""The demonstrator of the arm: it chooses every mode with the same probability."""
+"""The demonstrator of the arm: it chooses all modes with equal probability."""
 
 from dataclasses import dataclass
 
@@ -11,17 +11,17 @@ from cotlearn.robots.arm.task import UNIT
 from cotlearn.robots.experts.arm.path import CLEARANCE, clearance, minimum_jerk, via_points
 from cotlearn.robots.task import Array, Demonstration
 
-NOISE = 0.005  #: standard deviation of what is added to each coordinate of an action, metres
-_HURRY = 0.2  #: logarithm of how much slower or faster than on average a part of a path is, at most
-_TRIES = 50  #: paths that are drawn to find one that is clear of the pillars
+NOISE = 0.005  #: standard deviation of the noise added to each coordinate of an action, metres
+_HURRY = 0.2  #: largest absolute logarithm of a path segment's relative duration
+_TRIES = 50  #: most paths that are drawn to find one that is clear of the pillars
 
 
 @dataclass(frozen=True)
 class ArmExpert:
     """Draws a mode, via points and a minimum-jerk path, and follows it step by step.
 
-    Its targets do not depend on where the tip really is. So after noise has pushed the tip aside,
-    the next intention leads it back: the data contain recoveries.
+    Its targets do not depend on the actual position of the tip. So after noise has pushed the tip
+    aside, the next intention leads it back, and the data contain recoveries.
 
     Attributes:
         kind: "ring" or "avoid".
@@ -48,10 +48,10 @@ class ArmExpert:
         return Demonstration(states, actions, intentions, success, mode)
 
     def path(self, state: Array, mode: int, generator: np.random.Generator) -> Array:
-        """Draws the targets (40, 3) of an undisturbed episode.
+        """Draws the targets (40, 3) of an episode without noise.
 
-        Of the paths that it draws, it takes the first that is clear of the pillars, or the one
-        that keeps farthest from them.
+        It returns the first drawn path that is clear of the pillars, or after 50 draws the path
+        with the largest clearance.
         """
         best, room = np.empty((0, 3)), -np.inf
         fine = np.linspace(0, 1, 10 * task.MAX_STEPS + 1)

@@ -1,4 +1,4 @@
-"""Paths of the tip: through which points, and how smoothly."""
+"""Paths of the tip: via points, minimum-jerk splines and clearance."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -6,23 +6,23 @@ from numpy.typing import ArrayLike
 from cotlearn.robots.arm import task
 from cotlearn.robots.task import Array
 
-CLEARANCE = 0.018  #: metres that a path keeps from every pillar
+CLEARANCE = 0.018  #: metres between rod and pillars that a path must keep
 _BESIDE = (0.02, 0.05)  #: metres between rod and pillar where the path passes it
 _ABOVE = (0.03, 0.06)  #: metres between tip and pillar where the path goes over it
 _RISE = (0.0, 0.03)  #: metres above the line from start to goal, of a path beside the pillar
-_ENTRY = 0.03  #: a path goes straight through a gap, from so far before the row to so far behind
-_MIDDLE = 0.3  #: share of the room in a gap, off its middle at most
-_SPREAD = 0.015  #: metres along the way by which a via point may be off
+_ENTRY = 0.03  #: metres before and behind a row between which a path goes straight
+_MIDDLE = 0.3  #: largest offset from the middle of a gap, as a share of half its width
+_SPREAD = 0.015  #: largest random offset of a via point along the path, metres
 
 
 def via_points(state: Array, mode: int, kind: str, generator: np.random.Generator) -> Array:
-    """Draws the points (k, 3) that a path passes between start and goal.
+    """Draws the via points (k, 3) of a path between start and goal.
 
     Args:
-        state: (columns,), at the start.
-        mode: a number in `task.MODES[kind]`.
+        state: (columns,), the start state.
+        mode: an index of `task.MODES[kind]`.
         kind: "ring" or "avoid".
-        generator: of the chances.
+        generator: source of randomness.
     """
     start, goal = state[task.TIP], state[task.GOAL]
     posts = task.pillars(state)
@@ -51,7 +51,7 @@ def via_points(state: Array, mode: int, kind: str, generator: np.random.Generato
 
 
 def _through(row: Array, gap: int, generator: np.random.Generator) -> float:
-    """Where to pass a row of pillars (count, 4), sorted by y, at a gap from 0 to count."""
+    """Draw the y at which to pass a row of pillars (count, 4), sorted by y, in gap 0 to count."""
     edge = row[:, 2] + task.ROD_RADIUS
     if gap == 0:
         return float(row[0, 1] - edge[0] - generator.uniform(*_BESIDE))
@@ -63,15 +63,15 @@ def _through(row: Array, gap: int, generator: np.random.Generator) -> float:
 
 
 def minimum_jerk(points: ArrayLike, times: ArrayLike, at: ArrayLike) -> Array:
-    """The path with the least ∫|jerk|² dt that passes points at times, from rest to rest.
+    """The path with the least ∫|jerk|² dt through given points at given times, from rest to rest.
 
-    It is the quintic spline through the points: between them it is a polynomial of degree five,
-    and at them its first four derivatives are continuous (Flash and Hogan 1985).
+    It is the quintic spline through the points, whose first four derivatives are continuous (Flash
+    and Hogan 1985).
 
     Args:
         points: (k + 2, d), start, via points, goal.
-        times: (k + 2,), rising.
-        at: (n,), times from the first to the last.
+        times: (k + 2,), increasing times of the points.
+        at: (n,), times at which to evaluate, from the first to the last of `times`.
 
     Returns:
         (n, d).
@@ -84,10 +84,10 @@ def minimum_jerk(points: ArrayLike, times: ArrayLike, at: ArrayLike) -> Array:
 
 
 def clearance(tips: Array, posts: Array) -> Array:
-    """(n,), the room between the rod and the nearest pillar; negative where they overlap.
+    """Distance (n,) between the rod and the nearest pillar, metres; negative if they overlap.
 
     Args:
-        tips: (n, 3).
+        tips: (n, 3), positions of the tip.
         posts: (p, 4), x, y, radius and height of the pillars.
     """
     aside = np.linalg.norm(tips[:, None, :2] - posts[:, :2], axis=2)

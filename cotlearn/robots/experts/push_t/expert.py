@@ -1,4 +1,4 @@
-"""The demonstrator of Push-T: plan a push, go around the T, push, plan again."""
+"""The demonstrator of Push-T: it plans a push, goes around the T, pushes, and plans again."""
 
 import math
 from collections.abc import Generator, Iterator
@@ -14,28 +14,28 @@ from cotlearn.robots.push_t import Simulation, corners, random_state, task
 from cotlearn.robots.push_t.task import AGENT_RADIUS, PIXEL, SIZE, SUCCESS, WALL_RADIUS, WALLS
 from cotlearn.robots.task import Array, Demonstration
 
-#: Steps: a side of the T that costs this much more than the best is e times rarer.
+#: Softmax temperature of the choice among sides of the T, in steps.
 TEMPERATURE = 2.0
-WITHIN = 0.25  #: the temperature among pushes on one side, as a part of the temperature
-SLACK = 3.0  #: what costs more than this many temperatures more than the best is never chosen
-NOISE = 5.0  #: standard deviation of what is added to each coordinate of an action, pixels
+WITHIN = 0.25  #: temperature among pushes on one side, relative to `TEMPERATURE`
+SLACK = 3.0  #: options are never chosen that cost this many temperatures more than the best
+NOISE = 5.0  #: standard deviation of the noise added to each coordinate of an action, pixels
 
-SPEED = 24.0  #: of the agent on its way, pixels a step, about
-_AHEAD = (48.0, 36.0, 24.0, 16.0, 8.0)  #: the target runs so far ahead of the agent if it is clear
-_GRAIN = 4.0  #: between points of a way, pixels
+SPEED = 24.0  #: approximate speed of the agent between pushes, pixels per step
+_AHEAD = (48.0, 36.0, 24.0, 16.0, 8.0)  #: lookahead distances; the first clear one is used
+_GRAIN = 4.0  #: distance between points of a path, pixels
 _TOUCH = AGENT_RADIUS + 1.5
 _INSIDE = WALLS[0] + WALL_RADIUS, WALLS[1] - WALL_RADIUS  #: where walls leave room for the T
 
 
 @dataclass(frozen=True)
 class Options:
-    """The m pushes among which the expert chooses at a state.
+    """The m pushes among which the expert chooses in a state.
 
     Attributes:
-        rows: (m,), their numbers in the library.
-        cost: (m,), steps to the goal: on the way, while pushing and after it.
-        probability: (m,).
-        found: for `Routes.way`, the ways to where they begin.
+        rows: (m,), indices of the pushes in the library.
+        cost: (m,), steps to the goal: approaching, pushing and afterwards.
+        probability: (m,), probability of choosing each push.
+        found: the paths to the starts of the pushes, for `Routes.way`.
     """
 
     rows: NDArray[np.int64]
@@ -45,9 +45,9 @@ class Options:
 
 
 class PushTExpert:
-    """Plans with the values of `plan`, and chooses by chance among pushes that are nearly as good.
+    """Plans with the value function of `plan` and chooses at random among nearly optimal pushes.
 
-    The first one takes some 8 s for its library and its plan; they are kept in memory.
+    Creating the first expert takes about 8 s for the library and the plan, which are cached.
     """
 
     def __init__(self) -> None:
@@ -75,12 +75,12 @@ class PushTExpert:
         return Demonstration(states, actions, intentions, world.coverage > SUCCESS)
 
     def first_sides(self, state: Array) -> Array:
-        """(8,), the probability that the next push is on each side of the T: the expert's modes."""
+        """The probability (8,) that the next push is on each side of the T (the expert's mode)."""
         options = self.options(state)
         return np.bincount(self.pushes.side[options.rows], options.probability, 8).astype(float)
 
     def options(self, state: Array) -> Options:
-        """The pushes that may be chosen at a state (5,), and how likely each is."""
+        """The pushes that may be chosen in a state (5,), with their probabilities."""
         pose = state[2:]
         future = plan.after(plan.relative_pose(pose), self.pushes)
         value = np.where(plan.reached(future), 0.0, self.value(future))
@@ -100,7 +100,7 @@ class PushTExpert:
         return Options(near[kept], cost[near][kept], probability[kept], found)
 
     def _possible(self, rows: NDArray[np.int64], pose: Array, future: Array) -> NDArray[np.bool_]:
-        """Whether the agent stays in the world and the T clear of the walls."""
+        """Whether a push keeps the agent in the world and the T clear of the walls, (m,)."""
         pushes = self.pushes[rows]
         ends = np.stack([pushes.start, pushes.start + pushes.length[:, None] * pushes.direction])
         places = corners(pose, ends.reshape(-1, 2)).reshape(ends.shape)
@@ -126,10 +126,10 @@ class PushTExpert:
 
 
 def _softmax_by_side(cost: Array, side: NDArray[np.int64]) -> Array:
-    """First a side of the T by its best push, then a push on that side.
+    """Probabilities of choosing first a side of the T by its best push, then a push on that side.
 
-    Sides differ in what the demonstration looks like; the many pushes on one side hardly do, and
-    must not outvote another side by their number.
+    Demonstrations differ by side, but hardly among the many pushes on one side, whose number must
+    not outweigh another side.
     """
     best = np.full(8, np.inf)
     np.minimum.at(best, side, cost)
@@ -148,7 +148,7 @@ def _softmax(cost: Array, temperature: float) -> Array:
 
 
 def _travel(world: Simulation, way: Array, tolerance: float) -> Generator[Array, None, bool]:
-    """Pure pursuit along a way in the world; returns whether its end was reached undisturbed."""
+    """Pure pursuit along a path in the world; returns whether it reached the end undisturbed."""
     before = np.array(world.state[2:])
     points = _fine(way)
     here = 0
@@ -171,7 +171,7 @@ def _travel(world: Simulation, way: Array, tolerance: float) -> Generator[Array,
 
 
 def _fine(way: Array) -> Array:
-    """Points along a way, `_GRAIN` apart."""
+    """Points along a path, `_GRAIN` apart."""
     counts = np.ceil(np.hypot(*np.diff(way, axis=0).T) / _GRAIN).clip(1)
     legs = zip(way[:-1], way[1:], counts, strict=True)
     pieces = [a + (b - a) * (np.arange(1, n + 1) / n)[:, None] for a, b, n in legs]
@@ -183,7 +183,7 @@ def _to_body(points: Array, pose: Array) -> Array:
 
 
 def _out_of_walls(pose: Array) -> Array:
-    """(n,), by how many pixels the T reaches into a wall; negative inside the walls."""
+    """How far (n,) the T reaches into a wall, in pixels; negative if it is clear of the walls."""
     points = corners(pose)
     return np.maximum(_INSIDE[0] - points, points - _INSIDE[1]).max(axis=(1, 2))
 

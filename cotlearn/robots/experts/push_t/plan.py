@@ -1,12 +1,12 @@
-"""Value iteration: how many control steps from any pose of the T to the goal.
+"""Value iteration: the number of control steps from any pose of the T to the goal.
 
-The T's pose relative to the goal is (x, y, angle): by how much its centre of gravity is off, in the
-frame of the goal, and by how much it is turned. A push takes (x, y, angle) to
-(x, y) + R(angle) shift, angle + turn. The value of a pose is
+The T's pose relative to the goal is (x, y, angle): the offset of its centre of gravity in the frame
+of the goal, and its rotation. A push moves (x, y, angle) to ((x, y) + R(angle) shift,
+angle + turn). The value of a pose is
 
     V = min over pushes of (steps of the push + steps to get there + V after the push),
 
-0 where the goal is reached, on a grid that is fine near the goal and coarse far from it.
+and 0 where the goal is reached. The grid is fine near the goal and coarse far from it.
 """
 
 import functools
@@ -29,12 +29,12 @@ def _nodes(farthest: float, count: int, bend: float) -> Array:
     return farthest / math.sinh(bend) * np.sinh(bend * np.linspace(-1, 1, count))
 
 
-PLACES = _nodes(320.0, 35, 4.2)  #: of the grid along x and y, pixels
-TURNS = _nodes(math.pi, 45, 3.2)  #: along the angle, radians
-APPROACH = 10.0  #: steps from one push to the next, on average
-ENOUGH = 0.957  #: a plan aims at a little more than the coverage that counts
-CELL = 0.551734  #: width of a cell of effects: one push of each, some 400, are planned with
-SWEEPS = 11  #: of the iteration; the last one changes no value by more than 0.05
+PLACES = _nodes(320.0, 35, 4.2)  #: nodes of the grid along x and y, pixels
+TURNS = _nodes(math.pi, 45, 3.2)  #: nodes along the angle, radians
+APPROACH = 10.0  #: average number of steps from one push to the next
+ENOUGH = 0.957  #: coverage that a plan aims at, a little above the success threshold
+CELL = 0.551734  #: width of a cell of effects; planning uses one push per cell, about 400
+SWEEPS = 11  #: sweeps of value iteration; the last one changes no value by more than 0.05
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Value:
     table: Array
 
     def __call__(self, relative: Array) -> Array:
-        """(n,), the value of relative poses (n, 3); of those beyond the grid, at its edge."""
+        """The value (n,) of relative poses (n, 3), clipped to the grid."""
         from scipy.interpolate import interpn  # late: it takes a second
 
         places = relative[:, :2].clip(PLACES[0], PLACES[-1])
@@ -58,27 +58,27 @@ class Value:
 
 
 def relative_pose(pose: Array) -> Array:
-    """(3,), the pose of the T relative to the goal."""
+    """The pose (3,) of the T relative to the goal, from its pose (3,) in the world."""
     away = corners(pose, [MIDDLE])[0] - corners(GOAL, [MIDDLE])[0]
     place = rotate(away, math.cos(GOAL[2]), -math.sin(GOAL[2]))
     return np.array([*place, _wrap(pose[2] - GOAL[2])])
 
 
 def world_pose(relative: Array) -> Array:
-    """(n, 3), the poses in the world of relative poses (n, 3): undoes `relative_pose`."""
+    """World poses (n, 3) of relative poses (n, 3), the inverse of `relative_pose`."""
     angle = relative[:, 2] + GOAL[2]
     middle = corners(GOAL, relative[:, :2] + MIDDLE)
     return np.column_stack([middle - rotate(MIDDLE, np.cos(angle), np.sin(angle)), angle])
 
 
 def after(relative: Array, pushes: Pushes) -> Array:
-    """(m, 3), the relative poses after each of m pushes at the relative pose (3,)."""
+    """Relative poses (m, 3) after each of m pushes from the relative pose (3,)."""
     shift = rotate(pushes.shift, math.cos(relative[2]), math.sin(relative[2]))
     return np.column_stack([relative[:2] + shift, relative[2] + pushes.turn])
 
 
 def reached(relative: Array) -> NDArray[np.bool_]:
-    """(n,), where relative poses (n, 3) cover the goal by more than `ENOUGH`."""
+    """Whether relative poses (n, 3) cover more than `ENOUGH` of the goal, (n,)."""
     near = np.flatnonzero((np.abs(relative[:, 0]) < 8.0) & (np.abs(relative[:, 1]) < 8.0))
     near = near[np.abs(_wrap(relative[near, 2])) < 0.15]
     found = np.zeros(len(relative), dtype=bool)
@@ -88,7 +88,7 @@ def reached(relative: Array) -> NDArray[np.bool_]:
 
 @functools.lru_cache(maxsize=1)
 def value() -> Value:
-    """The value of every pose, by value iteration over a part of the library (6 s)."""
+    """The value of every pose, by value iteration over a subset of the library (6 s)."""
     pushes = _spread_out(library())
     grid = np.stack(np.meshgrid(PLACES, PLACES, TURNS, indexing="ij"), axis=-1)
     at_goal = reached(grid.reshape(-1, 3)).reshape(grid.shape[:3])
@@ -106,10 +106,10 @@ Move = tuple[Single, Single, Single, tuple[NDArray[np.int64], ...]]
 
 
 def _move(angle: float, pushes: Pushes) -> Move:
-    """Where each push leads from all places, at one angle.
+    """The transitions of all pushes from all positions at one angle.
 
-    That is the weights of the nodes along x, y and angle after it, (m, 35, 35) twice and (m, 45),
-    and for which pushes and nodes it reaches the goal.
+    Returns the interpolation weights of the nodes along x, y and angle after each push,
+    (m, 35, 35), (m, 35, 35) and (m, 45), and the pushes and nodes from which the goal is reached.
     """
     x, y, turn = after(np.array([0.0, 0.0, angle]), pushes).T
     x, y = x[:, None] + PLACES, y[:, None] + PLACES
@@ -120,7 +120,7 @@ def _move(angle: float, pushes: Pushes) -> Move:
 
 
 def _improved(table: Single, move: Move, cost: Single) -> Single:
-    """(35, 35), the least cost over the pushes, at one angle."""
+    """The least cost (35, 35) over all pushes, at one angle."""
     x, y, turn, done = move
     future = x @ np.tensordot(turn, table, axes=(1, 2)) @ y.swapaxes(1, 2)
     future[done] = 0.0
@@ -128,13 +128,13 @@ def _improved(table: Single, move: Move, cost: Single) -> Single:
 
 
 def _weights(values: Array, nodes: Array) -> Single:
-    """(..., nodes), linear interpolation at values (...), or at the end that is nearer."""
+    """Weights (..., nodes) of linear interpolation at values (...), clipped to the nodes."""
     each = [np.interp(values, nodes, node) for node in np.eye(len(nodes))]
     return np.stack(each, axis=-1).astype(np.float32)
 
 
 def _spread_out(pushes: Pushes) -> Pushes:
-    """Pushes that differ in effect: the cheapest one of each cell of a grid of effects."""
+    """Pushes with different effects: the cheapest one in each cell of a grid of effects."""
     size = np.hypot(pushes.shift[:, 0], pushes.shift[:, 1]) + 50 * np.abs(pushes.turn)
     scaled = np.column_stack([pushes.shift, 50 * pushes.turn]) / size[:, None]
     cells = np.floor(np.column_stack([np.log(size), 1.7 * scaled]) / CELL).astype(np.int64)

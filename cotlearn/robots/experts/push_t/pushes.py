@@ -1,7 +1,8 @@
-"""A library of straight pushes, each with what it does to the T.
+"""A library of straight pushes and their effects on the T.
 
-Without friction and memory, a push seen in the frame of the T does not depend on where the T is. So
-each push is simulated once. Pushes from the left are the mirror images of those from the right.
+Without friction and velocity, the effect of a push in the frame of the T does not depend on the
+T's pose, so each push is simulated once. Pushes on the left are mirror images of those on the
+right.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from cotlearn.robots.task import Array
 
 GAP = 4.0  #: between agent and T before a push, pixels
 SPACING = 4.0  #: between starts along a side of the T, pixels
-ANGLES = np.radians([-50.0, -32.0, -16.0, 0.0, 16.0, 32.0, 50.0])  #: to the side's normal
+ANGLES = np.radians([-50.0, -32.0, -16.0, 0.0, 16.0, 32.0, 50.0])  #: from the side's normal
 LENGTHS = (6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 26.0, 34.0, 44.0, 56.0, 72.0, 92.0, 120.0)
 AHEAD = 28.0  #: the target runs this far ahead of the agent while it pushes, pixels
-CLOSE = 1.5  #: a push is over this close to its end, pixels
+CLOSE = 1.5  #: distance from the end at which a push is complete, pixels
 MOST_STEPS = 30
 
 MIDDLE = np.array(CENTRE_OF_GRAVITY)  #: of the T, in its frame
@@ -39,10 +40,10 @@ class Pushes:
         start: (m, 2), where the agent is at rest before the push.
         direction: (m, 2), unit vectors.
         length: (m,), from the start to the end of the push.
-        shift: (m, 2), by which the T's centre of gravity moves, in the frame before the push.
-        turn: (m,), by which the T turns.
+        shift: (m, 2), displacement of the T's centre of gravity, in the frame before the push.
+        turn: (m,), rotation of the T, radians.
         steps: (m,), control steps.
-        side: (m,), the side of the outline that is touched, 0 to 7.
+        side: (m,), side of the outline that is pushed, 0 to 7.
     """
 
     start: Array
@@ -58,7 +59,7 @@ class Pushes:
 
 
 def push_targets(world: Simulation, start: Array, along: Array, length: float) -> Iterator[Array]:
-    """Where to pull the agent at each step of a push, until it is over; all in the world."""
+    """Yield the agent's target for each step of a push until it is complete, in the world frame."""
     for _ in range(MOST_STEPS):
         done = float((np.array(world.state[:2]) - start) @ along)
         if done > length - CLOSE:
@@ -88,7 +89,7 @@ def library() -> Pushes:
 
 
 def _starts() -> list[tuple[Array, Array, int]]:
-    """Places on the right half beside the T, with the direction straight at it and the side."""
+    """Starts beside the right half of the T, with the inward normal and number of the side."""
     found = []
     outline = np.array(OUTLINE)
     for side, (a, b) in enumerate(zip(outline, np.roll(outline, -1, axis=0), strict=True)):

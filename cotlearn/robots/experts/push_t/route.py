@@ -1,4 +1,4 @@
-"""Paths around the T for the agent: clearances and a visibility graph, in the frame of the T."""
+"""The agent's paths around the T: clearances and a visibility graph, in the frame of the T."""
 
 import math
 
@@ -9,28 +9,28 @@ from scipy.sparse.csgraph import dijkstra
 from cotlearn.robots.push_t.task import AGENT_RADIUS, OUTLINE, RECTANGLES
 from cotlearn.robots.task import Array
 
-CLEAR = AGENT_RADIUS + 3.0  #: a way keeps this far from the T, centre of the agent to the T
-_MARGIN = AGENT_RADIUS + 5.0  #: of the turning points
+CLEAR = AGENT_RADIUS + 3.0  #: least distance of the agent's centre from the T on a path, pixels
+_MARGIN = AGENT_RADIUS + 5.0  #: offset of the turning points from the corners along x and y
 
 _CORNERS = np.array(OUTLINE)
 _LOW, _HIGH = np.array(RECTANGLES).reshape(2, 1, 2, 2).transpose(3, 0, 1, 2)  #: (2, 1, 2) each
 _OUTWARDS = np.array([(-1, -1), (1, -1), (1, 1), (1, 1), (-1, 1), (-1, 1)])
-#: Shortest ways turn only at the six outer corners of the T.
+#: Shortest paths turn only at the six convex corners of the T.
 TURNS = _CORNERS[[0, 1, 2, 4, 5, 7]] + _MARGIN * _OUTWARDS
 _AROUND = np.array([(math.cos(a), math.sin(a)) for a in np.arange(24) * (2 * math.pi / 24)])
 
-#: (7, s), the lengths of ways over the agent (direct) or a turning point last; before each, which.
+#: Path lengths (7, s) by the last node (the agent or a turning point), and Dijkstra's predecessors.
 Found = tuple[Array, NDArray[np.int32]]
 
 
 def distance(points: Array) -> Array:
-    """(n,), distance of points (n, 2) from the T; 0 inside."""
+    """Distance (n,) of points (n, 2) from the T; 0 inside."""
     outside = np.maximum(np.maximum(_LOW - points, points - _HIGH), 0.0)
     return np.asarray(np.hypot(outside[..., 0], outside[..., 1]).min(axis=0))
 
 
 def clearance(a: Array, b: Array) -> Array:
-    """(n,), distance of the segments from a to b, (n, 2) each, from the T; 0 if they cross it."""
+    """Distance (n,) of segments from a (n, 2) to b (n, 2) from the T; 0 if they cross it."""
     way = b - a
     squared = np.maximum((way**2).sum(axis=1), 1e-12)
     to_corner = _CORNERS[:, None] - a
@@ -49,7 +49,7 @@ def _crosses(a: Array, way: Array) -> NDArray[np.bool_]:
 
 
 def step_back(agent: Array) -> Array:
-    """The nearest place, about, from which ways can begin: `agent` itself if it is clear."""
+    """A nearby position that is clear of the T, from which paths can start; `agent` if clear."""
     if distance(agent[None])[0] >= CLEAR + 0.5:
         return agent
     for reach in (3.0, 6.0, 10.0, 16.0, 24.0, 40.0, 70.0):
@@ -61,10 +61,10 @@ def step_back(agent: Array) -> Array:
 
 
 class Routes:
-    """Shortest paths around the T to a fixed set of places.
+    """Shortest paths around the T to fixed positions.
 
     Args:
-        places: (s, 2), at least `CLEAR` from the T.
+        places: (s, 2), positions at least `CLEAR` from the T.
     """
 
     def __init__(self, places: Array) -> None:
@@ -73,14 +73,14 @@ class Routes:
         self._last = _legs(TURNS, places)  # (6, s)
 
     def lengths(self, agent: Array, usable: NDArray[np.bool_]) -> tuple[Array, Found]:
-        """Lengths of the shortest ways from `agent` to all places, inf where there is none.
+        """Lengths of the shortest paths from `agent` to all places; inf if there is no path.
 
         Args:
-            agent: (2,), clear of the T.
+            agent: (2,), a position clear of the T.
             usable: (6,), which turning points lie in the world.
 
         Returns:
-            (s,), and what `way` needs to find the way itself.
+            The lengths (s,), and the paths for `way`.
         """
         legs = np.full((7, 7), np.inf)  # from the agent and the turning points, in this order
         legs[0, 1:] = np.where(usable, _legs(agent[None], TURNS)[0], np.inf)
@@ -91,7 +91,7 @@ class Routes:
         return through.min(axis=0), (through, before)
 
     def way(self, place: int, found: Found) -> Array:
-        """(k, 2), the turning points between the agent and a place, for what `lengths` found."""
+        """The turning points (k, 2) between the agent and a place, from the paths of `lengths`."""
         through, before = found
         here = int(through[:, place].argmin())
         path: list[int] = []
@@ -102,8 +102,8 @@ class Routes:
 
 
 def _legs(a: Array, b: Array) -> Array:
-    """(n, m), lengths of the straight ways from a (n, 2) to b (m, 2) that are clear; else inf."""
+    """Lengths (n, m) of straight lines from a (n, 2) to b (m, 2); inf if they are not clear."""
     starts, ends = np.repeat(a, len(b), axis=0), np.tile(b, (len(a), 1))
     length = np.linalg.norm(ends - starts, axis=1)
-    # 0.01: places at the very limit count as clear
+    # 0.01: places exactly at the limit count as clear
     return np.where(clearance(starts, ends) >= CLEAR - 0.01, length, np.inf).reshape(len(a), len(b))
