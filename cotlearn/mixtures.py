@@ -18,6 +18,7 @@ from cotlearn.validation import check_choice, check_count, check_inputs, check_m
 
 _MOVED = ("Dataset", "Unconditional", "digits", "unconditional")
 __getattr__ = renamed(__name__, {name: f"cotlearn.datasets:{name}" for name in _MOVED})
+_SHIFT = 0.2  #: torchdyn's noise, before the moons are made 3 x as large
 
 
 class Components(NamedTuple):
@@ -117,15 +118,19 @@ def _even(means: Tensor, std: float) -> Components:
     return Components(log_weights, means, torch.full_like(means, std))
 
 
+def _one_hot(c: Tensor) -> Tensor:
+    """The same labels, checked."""
+    if not torch.equal(c, torch.eye(c.shape[1], dtype=c.dtype)[c.argmax(dim=1)]):
+        raise ValueError(f"c must be one-hot: one 1 and {c.shape[1] - 1} times 0 in each row")
+    return c
+
+
 def _labelled(name: str, means: Tensor, std: float) -> ConditionalGaussianMixture:
     """One-hot c with equal probabilities; means has shape (conditions, K, d)."""
     n_conditions = len(means)
 
     def components(c: Tensor) -> Components:
-        label = c.argmax(dim=1)
-        if not torch.equal(c, torch.eye(n_conditions, dtype=c.dtype)[label]):
-            raise ValueError(f"c must be one-hot: one 1 and {n_conditions - 1} times 0 in each row")
-        return _even(means[label], std)
+        return _even(means[_one_hot(c).argmax(dim=1)], std)
 
     def draw(n: int, generator: torch.Generator | None) -> Tensor:
         labels = torch.randint(n_conditions, (n,), generator=generator)
@@ -217,7 +222,7 @@ def eight_gaussians() -> ConditionalGaussianMixture:
     return _labelled("eight_gaussians", means[:, None, :], math.sqrt(0.1))
 
 
-def moons(condition: str = "class") -> ConditionalGaussianMixture:
+def moons(condition: str = "class", *, torchdyn: bool = False) -> ConditionalGaussianMixture:
     """Two moons of 3 x the usual size, with the moon (one-hot) or the x coordinate as condition.
 
     Each moon is a mixture of 64 Gaussians of standard deviation 0.6 along a half circle, closer
@@ -226,15 +231,29 @@ def moons(condition: str = "class") -> ConditionalGaussianMixture:
     Args:
         condition: "class", c is one-hot of shape (n, 2); or "x", c is the first coordinate of x,
             which is then certain given c (Cheng & Schwing 2503.10636, Figure 1).
+        torchdyn: the moons of that figure, from torchdyn's `generate_moons`. The only noise is one
+            number, uniform in [0, 0.6], that is added to *both* coordinates of a point of the half
+            circle. `sample` spreads the angles evenly and draws each moon equally often, so that
+            two samples differ less than independent draws do; `sample_given` draws independently
+            ("x": c from -4 to 5.6). These moons are no mixture of Gaussians: `log_density` and
+            `velocity` raise a ValueError.
     """
     std, points = 0.6, 64
+    check_choice(condition, "condition", ("class", "x"))
+    if torchdyn:
+        return _moons_of_torchdyn(condition)
     angle = math.pi * (torch.arange(points) + 0.5) / points
-    upper = torch.stack([angle.cos(), angle.sin()], dim=1)
-    lower = torch.stack([1 - angle.cos(), 0.5 - angle.sin()], dim=1)
-    means = 3 * torch.stack([upper, lower]) - 1
-    if check_choice(condition, "condition", ("class", "x")) == "class":
+    means = 3 * torch.stack([_half_circle(moon, angle) for moon in (0, 1)]) - 1
+    if condition == "class":
         return _labelled("moons", means, std)
     return _moons_given_x(means.reshape(-1, 2), std)
+
+
+def _half_circle(moon: Tensor | int, angle: Tensor) -> Tensor:
+    """Points (n, 2) at these angles, on the upper half circle (moon 0) or the lower one (1)."""
+    upper = _on_circle(angle, 1.0)
+    lower = torch.tensor([1.0, 0.5]) - upper
+    return torch.where(torch.as_tensor(moon)[..., None] == 0, upper, lower)
 
 
 def _moons_given_x(means: Tensor, std: float) -> ConditionalGaussianMixture:
@@ -254,3 +273,53 @@ def _moons_given_x(means: Tensor, std: float) -> ConditionalGaussianMixture:
         return centres[((torch.arange(n) + 0.5) / n * len(centres)).long(), None]
 
     return ConditionalGaussianMixture("moons", 2, 1, components, draw, spread)
+
+
+class _TorchdynMoons(ConditionalGaussianMixture):
+    """Moons of which only samples are known: half circles, shifted along the diagonal."""
+
+    def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
+        order = torch.randperm(check_count(n, "n"), generator=generator)
+        sizes = (n // 2, n - n // 2)
+        angle = torch.cat([torch.linspace(0, math.pi, size) for size in sizes])[order]
+        moon = (order >= n // 2).long()
+        shift = _SHIFT * torch.rand(n, 1, generator=generator)
+        x = 3 * (_half_circle(moon, angle) + shift) - 1
+        return x, torch.eye(2)[moon] if self.condition_dim == 2 else x[:, :1].clone()
+
+    def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        """Draw independently, by the angles: they are uniform where c allows them."""
+        check_matrix(c, "c", columns=self.condition_dim)
+        by_moon = self.condition_dim == 2
+        if by_moon:  # from 0 to pi on this moon
+            first, last = torch.zeros_like(c), math.pi * _one_hot(c)
+        else:  # from where a shift leads to c: one interval on each moon
+            place = (c + 1) / 3
+            cosine = torch.cat([place, 1 + _SHIFT - place], dim=1)
+            first, last = (x.clamp(-1, 1).acos() for x in (cosine, cosine - _SHIFT))
+        if (last <= first).all(dim=1).any():
+            raise ValueError("c must lie between -4 and 5.6, where the moons are")
+        moon = torch.multinomial(last - first, 1, generator=generator)
+        low, high = first.gather(1, moon)[:, 0], last.gather(1, moon)[:, 0]
+        angle = low + (high - low) * torch.rand(len(c), generator=generator)
+        point = _half_circle(moon[:, 0], angle)
+        if by_moon:
+            return 3 * (point + _SHIFT * torch.rand(len(c), 1, generator=generator)) - 1
+        return torch.cat([c, 3 * (point[:, 1:] + place - point[:, :1]) - 1], dim=1)
+
+
+def _moons_of_torchdyn(condition: str) -> ConditionalGaussianMixture:
+    usual = moons(condition)
+    k = usual.condition_dim
+
+    def refuse(c: Tensor) -> Components:
+        raise ValueError("torchdyn's moons: only samples are known, no density and no velocity")
+
+    def draw(n: int, generator: torch.Generator | None) -> Tensor:
+        return data.sample(n, generator)[1]
+
+    def spread(n: int) -> Tensor:
+        return usual.representative(n) + (3 * _SHIFT / 2 if k == 1 else 0)
+
+    data = _TorchdynMoons("torchdyn's moons", 2, k, refuse, draw, spread)
+    return data

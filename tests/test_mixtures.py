@@ -3,8 +3,10 @@
 import math
 from functools import cache
 
+import numpy as np
 import pytest
 import torch
+from scipy.stats import ks_2samp
 from torch.distributions import Categorical, Independent, MixtureSameFamily, Normal
 
 from cotlearn import mixtures
@@ -129,6 +131,60 @@ def test_the_marginal_of_both_moons_is_the_same():
     by_x, _ = mixtures.moons(condition="x").sample(700, generator=seeded(1))
     other, _ = mixtures.moons().sample(700, generator=seeded(2))
     assert squared_w2(by_class, by_x) < 2 * squared_w2(by_class, other)
+
+
+def torchdyn(n, rng):
+    """`generate_moons(n, noise=0.2)` as torchdyn describes it, made 3 x as large; n even."""
+    angle = np.linspace(0, np.pi, n // 2)
+    upper = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    x = np.concatenate([upper, [1, 0.5] - upper]) + 0.2 * rng.random((n, 1))
+    return torch.tensor(3 * x - 1, dtype=torch.float32)
+
+
+@pytest.mark.parametrize("condition", ["class", "x"])
+def test_moons_of_torchdyn(condition):
+    data = mixtures.moons(condition, torchdyn=True)
+    x, c = data.sample(1000, generator=seeded(0))
+    theirs = [torchdyn(1000, np.random.default_rng(seed)) for seed in (0, 1)]
+    assert squared_w2(x, theirs[0]) == pytest.approx(squared_w2(*theirs), rel=0.3)  # the floor
+    if condition == "class":
+        assert c.sum(dim=0).tolist() == [500, 500]
+        assert x[c[:, 0] == 1, 1].min() >= -1 > x[c[:, 0] == 0, 1].min()
+    else:
+        assert torch.equal(c, x[:, :1])
+    c_only = data.sample_conditions(5, generator=seeded(3))
+    assert torch.equal(c_only, data.sample(5, generator=seeded(3))[1])
+    again = data.sample_given(data.conditions(5), generator=seeded(3))
+    assert torch.equal(again, data.sample_given(data.conditions(5), generator=seeded(3)))
+    assert data.sample(1)[0].shape == (1, 2)
+
+
+@pytest.mark.parametrize("condition", ["class", "x"])
+def test_moons_of_torchdyn_given_c(condition):
+    """The same c, the other coordinate drawn again: no two-sample test can tell."""
+    data = mixtures.moons(condition, torchdyn=True)
+    x, c = data.sample(40_000, generator=seeded(0))
+    drawn_again = data.sample_given(c, generator=seeded(1))
+    if condition == "x":
+        assert torch.equal(drawn_again[:, :1], c)
+    for low in range(-4, 5):  # strips of c, or of x where c is the moon
+        strips = [v[(v[:, 0] > low) & (v[:, 0] < low + 0.5), 1] for v in (x, drawn_again)]
+        assert ks_2samp(*strips).pvalue > 1e-4
+
+
+def test_moons_of_torchdyn_have_no_density_here():
+    for condition in ("class", "x"):
+        data = mixtures.moons(condition, torchdyn=True)
+        x, c = data.sample(4)
+        with pytest.raises(ValueError, match="torchdyn's moons: only samples are known"):
+            data.log_density(x, c)
+        with pytest.raises(ValueError, match="only samples are known"):
+            data.velocity(0.5, x, c)
+    for outside in (-4.1, 5.7):
+        with pytest.raises(ValueError, match=r"c must lie between -4 and 5\.6"):
+            data.sample_given(torch.tensor([[0.0], [outside]]))
+    with pytest.raises(ValueError, match="one-hot"):
+        mixtures.moons(torchdyn=True).sample_given(torch.full((2, 2), 0.5))
 
 
 @cache
