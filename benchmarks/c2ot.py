@@ -12,6 +12,9 @@ Reduced: 2,000 steps instead of 20,000, an OT batch of 512 instead of 1,024, 2,0
 of 10,000, 3 seeds instead of 10, and the course's own optimiser settings, which fit a short run.
 Stratified and semidiscrete pairs need finite data: 20,000 rows, drawn once; the others draw fresh
 rows for ever. Model-aligned "full" has a batch of 64, its limit. Interrupted runs go on.
+
+The published run has other moons and another network. Cells with the keys "data" and "network"
+swap them in, one at a time and both; all else stays, the optimiser, too.
 """
 
 import argparse
@@ -35,8 +38,9 @@ from cotlearn.couplings import (
 )
 from cotlearn.datasets import Dataset, unconditional
 from cotlearn.flows import VelocityMLP, fit, integrate
+from cotlearn.flows.networks import seeded
 from cotlearn.metrics import squared_w2
-from cotlearn.mixtures import eight_gaussians, moons
+from cotlearn.mixtures import ConditionalGaussianMixture, eight_gaussians, moons
 
 REDUCED = {
     "steps": 2000,
@@ -102,12 +106,65 @@ PUBLISHED = {  # Cheng & Schwing 2503.10636, Figure 1: other budget, other hardw
     "x": {
         "euler_1": {"independent": 0.732, "minibatch_ot": 8.276, "c2ot": 0.077},
         "adaptive_solver": {"independent": 0.028, "minibatch_ot": 2.143, "c2ot": 0.013},
+        "standard_deviation": {"minibatch_ot": {"euler_1": 6.51, "adaptive_solver": 1.99}},
     },
 }
+THEIRS = {
+    "data": "torchdyn's moons: evenly spaced angles, half of the rows on each moon, and one "
+    "number, uniform in [0, 0.6], added to both coordinates. Ours: Gaussian noise of 0.6",
+    "network": "linear layers of x, c and t are added up to 128 numbers h; three blocks then add "
+    "W2 gelu(W1 h) of width 512 to h; nothing is normalised; 396,290 weights with x as condition. "
+    "Ours: a perceptron of the width and depth above",
+}
+SWAPPED = [  # condition, methods, data, network, seeds
+    ("x", ["minibatch_ot"], "theirs", "ours", 3),
+    ("x", ["minibatch_ot"], "ours", "theirs", 3),
+    ("x", ["floor", "minibatch_ot", "independent", "adaptive"], "theirs", "theirs", 3),
+    (
+        "class",
+        ["floor", "minibatch_ot", "independent", "conditional_ot_infinite"],
+        "theirs",
+        "theirs",
+        1,
+    ),
+]
 CLUSTERS = {"class": 2, "x": 64}
 TEACHER_NFE = 16
 LAST = ("semidiscrete", "aligned")  # computed after all others, of all seeds
 source_data = unconditional(eight_gaussians())
+
+
+class PublishedNetwork(torch.nn.Module):
+    """The network of the published run (see THEIRS), v(t, x, c) for x of two columns."""
+
+    dim = 2
+
+    def __init__(self, condition_dim: int, seed: int) -> None:
+        super().__init__()
+        self.condition_dim = condition_dim
+        with seeded(seed):
+            self.first = torch.nn.ModuleList(torch.nn.Linear(n, 128) for n in (2, condition_dim, 1))
+            self.blocks = torch.nn.ModuleList(
+                torch.nn.Sequential(
+                    torch.nn.Linear(128, 512), torch.nn.GELU(), torch.nn.Linear(512, 128)
+                )
+                for _ in range(3)
+            )
+            self.last = torch.nn.Linear(128, 2)
+
+    def forward(self, t: Any, x: torch.Tensor, c: torch.Tensor) -> torch.Tensor:
+        """The velocity, shape (B, 2)."""
+        time = torch.as_tensor(t, dtype=x.dtype).expand(len(x))[:, None]
+        inputs = (x, c, time)
+        h = sum(layer(part) for layer, part in zip(self.first, inputs, strict=True))
+        for block in self.blocks:
+            h = h + block(h)
+        return self.last(h)
+
+
+def target(condition: str, data: str = "ours") -> ConditionalGaussianMixture:
+    """The moons of a cell."""
+    return moons(condition, torchdyn=data == "theirs")
 
 
 def source(n: int, generator: torch.Generator | None = None) -> torch.Tensor:
@@ -130,20 +187,25 @@ def semidiscrete(condition: str) -> SemidiscreteOT:
 
 
 @functools.cache
-def trained(condition: str, method: str, seed: int, full: bool) -> torch.nn.Module:
+def trained(
+    condition: str, method: str, seed: int, full: bool, data: str = "ours", network: str = "ours"
+) -> torch.nn.Module:
     """The network of one cell; kept, because reflow learns from independent's."""
     setting: dict[str, Any] = dict(FULL if full else REDUCED)
     coupling = make(condition, method, seed, full)
     whole = method in ("stratified", "semidiscrete")
-    data = finite(condition, setting["rows"]) if whole else moons(condition)
+    rows = finite(condition, setting["rows"]) if whole else target(condition, data)
     batch = 64 if method == "aligned_full" else setting["batch_size"]
     pairs_at_once = batch if whole or coupling.uses_network else setting["ot_batch_size"]
-    start = VelocityMLP(
-        2, data.condition_dim, width=setting["width"], depth=setting["depth"], seed=seed
+    sizes = {"width": setting["width"], "depth": setting["depth"]}
+    start = (
+        VelocityMLP(2, rows.condition_dim, **sizes, seed=seed)
+        if network == "ours"
+        else PublishedNetwork(rows.condition_dim, seed)
     )
     return fit(
         start,
-        data,
+        rows,
         coupling,
         steps=setting["steps"],
         batch_size=batch,
@@ -177,10 +239,9 @@ def make(condition: str, method: str, seed: int, full: bool) -> Coupling:
     }[method]
 
 
-def score(network: Any, condition: str, points: int, seed: int) -> dict[str, Any]:
+def score(network: Any, data: ConditionalGaussianMixture, points: int, seed: int) -> dict[str, Any]:
     """Squared W2 on the marginal after one Euler step and with dopri5."""
     generator = torch.Generator().manual_seed(1000 + seed)
-    data = moons(condition)
     truth, _ = data.sample(points, generator=generator)
     c = data.sample_conditions(points, generator=generator)
     x0 = source(points, generator=generator)
@@ -193,10 +254,10 @@ def score(network: Any, condition: str, points: int, seed: int) -> dict[str, Any
     }
 
 
-def floor(condition: str, points: int, seed: int) -> dict[str, Any]:
+def floor(data: ConditionalGaussianMixture, points: int, seed: int) -> dict[str, Any]:
     """What fresh true points score."""
     generator = torch.Generator().manual_seed(1000 + seed)
-    first, second = (moons(condition).sample(points, generator=generator)[0] for _ in range(2))
+    first, second = (data.sample(points, generator=generator)[0] for _ in range(2))
     return {"squared_w2": round(squared_w2(first, second), 4)}
 
 
@@ -204,9 +265,11 @@ def compute(key: dict[str, Any], *, full: bool) -> dict[str, Any]:
     """One cell: train and score, or the floor."""
     condition, method, seed = key["condition"], key["method"], key["seed"]
     points = int((FULL if full else REDUCED)["points"])
+    swapped = {name: key[name] for name in THEIRS if name in key}
+    data = target(condition, swapped.get("data", "ours"))
     if method == "floor":
-        return floor(condition, points, seed)
-    values = score(trained(condition, method, seed, full), condition, points, seed)
+        return floor(data, points, seed)
+    values = score(trained(condition, method, seed, full, **swapped), data, points, seed)
     if method == "semidiscrete":
         fitted = semidiscrete(condition)
         values["marginal_error"] = round(fitted.marginal_error, 4)
@@ -232,6 +295,7 @@ def main() -> None:
             "finite_training_set": ["stratified", "semidiscrete"],
             "no_cell": NO_CELL,
             "published": PUBLISHED,
+            "theirs": THEIRS,
         },
         parser=parser,
         name="c2ot_full" if options.full else "c2ot",
@@ -244,18 +308,21 @@ def main() -> None:
         for method in ["floor", *methods]
         if method.startswith(LAST) == last
     ]
+    keys += [
+        {"condition": condition, "method": method, "seed": seed, "data": data, "network": network}
+        for condition, methods, data, network, seeds in SWAPPED
+        for seed in range(seeds)
+        for method in methods
+    ]
     table.fill(keys, functools.partial(compute, full=options.full))
-    for condition, methods in METHODS.items():
-        for method in methods:
-            cells = [
-                cell
-                for cell in table.document["cells"]
-                if (cell["key"]["condition"], cell["key"]["method"]) == (condition, method)
-            ]
-            if not cells:
-                continue
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for cell in table.document["cells"]:
+        name = " ".join(str(value) for k, value in cell["key"].items() if k != "seed")
+        groups.setdefault(name, []).append(cell)
+    for name, cells in groups.items():
+        if "euler_1" in cells[0]:
             means = [sum(cell[k] for cell in cells) / len(cells) for k in ("euler_1", "dopri5")]
-            print(f"{condition:6s}{method:26s} Euler-1 {means[0]:7.3f}  dopri5 {means[1]:7.3f}")
+            print(f"{name:45s} Euler-1 {means[0]:7.3f}  dopri5 {means[1]:7.3f}")
 
 
 if __name__ == "__main__":
