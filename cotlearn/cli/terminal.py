@@ -1,4 +1,4 @@
-"""What all commands say and how they end: one console, errors, and what is not installed."""
+"""Output and exit of all commands: one console, error messages and missing packages."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -43,6 +43,6 @@ def reported(*more: type[Exception]) -> Iterator[None]:
 
 
 def stop_interrupted() -> NoReturn:
-    """Ends a command that goes on where it was when it is given again."""
+    """Ends an interrupted command that will resume when it is repeated."""
     console.print("stopped; run the same command again to go on")
     raise typer.Exit(130) from None

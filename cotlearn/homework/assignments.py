@@ -1,4 +1,4 @@
-"""What an assignment asks: read from its master notebook, the only place where it is written.
+"""Reads assignments from their master notebooks, the only source of their questions.
 
 A master is in the format of otter-grader: raw cells say where a question, its solution and its
 tests begin and end. The notebooks of the course are read in the same way; their questions are the
@@ -21,9 +21,9 @@ class HiddenTest:
     """A test that students do not see.
 
     Attributes:
-        source: of one function, whose arguments are names of the student's notebook.
-        points: that it is worth.
-        hint: what to say if it fails.
+        source: source of one function, whose arguments are names in the student's notebook.
+        points: points for passing.
+        hint: message if the test fails.
     """
 
     source: str

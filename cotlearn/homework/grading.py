@@ -1,7 +1,7 @@
 """Grades a folder of notebooks: several at a time, resumable, with feedback for each student.
 
-What was found about a notebook is written at once, to a file of its own, and used again when the
-same notebook is graded with the same tests. So a run can be killed at any moment and given again.
+The result for each notebook is written immediately to its own file and reused when the same
+notebook is graded with the same tests. So a run can be killed at any time and repeated.
 """
 
 import contextlib

@@ -1,11 +1,11 @@
-"""Runs one question in a process of its own, with limits on time, memory and output.
+"""Runs one question in a separate process, with limits on time, memory and output.
 
-This keeps accidents apart: an endless loop, an `exit()`, a flood of prints or an array that fills
-the memory costs one question and nothing else. It is no security sandbox: code that means harm has
-all rights of the user who runs it (see docs/teaching/grading.md).
+This isolates accidents: an endless loop, an `exit()`, a flood of prints or an array that fills the
+memory affects only its own question. It is no security sandbox: malicious code has all rights of
+the user who runs it (see docs/teaching/grading.md).
 
-The first half of this file is the parent, which starts the process and listens; the second half is
-what happens in the process: run the cells, check the answer, run the hidden tests.
+The first half of this file is the parent, which starts the process and listens; the second half
+runs in the process: it runs the cells, checks the answer and runs the hidden tests.
 """
 
 import contextlib
@@ -42,7 +42,7 @@ _MESSAGE_BYTES = 1_000_000
 
 @dataclass(frozen=True)
 class Limits:
-    """What a question may use.
+    """The time and memory limits of a question.
 
     Attributes:
         seconds: of computing. An answer that sleeps is stopped after three times as long; one that
@@ -62,13 +62,13 @@ class Limits:
 
 @dataclass(frozen=True)
 class Job:
-    """What the process of one question is given.
+    """The input of the process of one question.
 
     Attributes:
-        question: with its hidden tests.
-        setup: source that is run before the cells.
-        cells: to run, in order.
-        own: the number of the cell with the answer.
+        question: the question with its hidden tests.
+        setup: source to run before the cells.
+        cells: cells to run, in order.
+        own: number of the cell with the answer.
     """
 
     question: Question
@@ -83,19 +83,18 @@ def has_memory_limit() -> bool:
 
 
 def run(job: Job, limits: Limits) -> tuple[list[Any], str | None]:
-    """Does a job in its own process and in an empty folder.
+    """Runs a job in a separate process and an empty folder.
 
     Args:
         job: A question and the cells that it needs.
-        limits: Of time and memory.
+        limits: Limits on time and memory.
 
     Returns:
-        What was found: the verdict and sentence of the check, then for each hidden test what it
-        complains of, "" if it passes; and why the process did not come to its end, in a sentence,
-        or None if it did.
+        The findings (the verdict and sentence of the check, then the failure message of each hidden
+        test, "" if it passes); and the reason why the process did not finish, or None if it did.
 
     Raises:
-        RuntimeError: The process did not even begin, which is not the answer's fault.
+        RuntimeError: The process did not start, for reasons other than the answer.
     """
     context = _context()
     ours, theirs = context.Pipe(duplex=False)

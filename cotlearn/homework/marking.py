@@ -14,15 +14,15 @@ from cotlearn.homework.submissions import Submission
 
 @dataclass(frozen=True)
 class Mark:
-    """What was found about one answer.
+    """The result for one answer.
 
     Attributes:
-        question: its name.
-        verdict: of the self-check: "correct", "not yet" or "not attempted yet".
-        sentence: that goes with it.
-        points: earned in the hidden tests.
-        out_of: that could be earned.
-        hints: of the hidden tests that failed.
+        question: name of the question.
+        verdict: verdict of the self-check: "correct", "not yet" or "not attempted yet".
+        sentence: explanation of the verdict.
+        points: points earned in the hidden tests.
+        out_of: largest possible number of points.
+        hints: hints of the hidden tests that failed.
     """
 
     question: str
@@ -40,13 +40,13 @@ class Mark:
 
 @dataclass(frozen=True)
 class Marked:
-    """What was found about a notebook.
+    """The result for a notebook.
 
     Attributes:
-        assignment: "hw1"; "" if that could not be told.
-        title: of the assignment.
-        marks: one a question.
-        note: what is wrong with the notebook as a whole; "" if nothing is.
+        assignment: name such as "hw1"; "" if it is unknown.
+        title: title of the assignment.
+        marks: one mark per question.
+        note: problem of the notebook as a whole; "" if there is none.
     """
 
     assignment: str = ""
@@ -56,12 +56,12 @@ class Marked:
 
     @property
     def points(self) -> float:
-        """Earned, in all."""
+        """The total of points earned."""
         return sum(mark.points for mark in self.marks)
 
     @property
     def out_of(self) -> float:
-        """What could be earned."""
+        """The largest possible total of points."""
         return sum(mark.out_of for mark in self.marks)
 
 

@@ -21,12 +21,12 @@ EPISODES = 20
 
 @dataclass(frozen=True)
 class Twist:
-    """What is different.
+    """A change to Push-T.
 
     Attributes:
-        goal: x, y and angle of the pose that the T should take.
-        obstacle: x, y and radius of a disc that the finger's middle should keep out of; no radius,
-            no obstacle.
+        goal: x, y and angle of the T's target pose.
+        obstacle: x, y and radius of a disc that the finger's centre should avoid; radius 0 means no
+            obstacle.
     """
 
     goal: tuple[float, float, float] = GOAL
@@ -35,11 +35,11 @@ class Twist:
 
 @dataclass(frozen=True)
 class Played:
-    """What happened in E = 20 episodes.
+    """The results of E = 20 episodes.
 
     Attributes:
         coverage: (E,), best coverage of the new goal.
-        touched: (E,), control steps that the finger ended inside the obstacle.
+        touched: (E,), number of control steps that ended with the finger inside the obstacle.
         path: (T + 1, E, 5), all states.
     """
 

@@ -138,15 +138,15 @@ def passed(*names: str) -> bool:
 
 
 def require(answer: object, name: str, *, seed: int | None = None) -> None:
-    """Fails unless an answer is correct: the form that hidden tests have.
+    """Raises AssertionError unless an answer is correct, for use in hidden tests.
 
     Args:
-        answer: As of `check`.
-        name: As of `check`.
-        seed: Of the numbers that the check draws; those of `check` if None.
+        answer: As in `check`.
+        name: As in `check`.
+        seed: Seed of the numbers that the check draws; the seed of `check` if None.
 
     Raises:
-        AssertionError: With a sentence that helps.
+        AssertionError: The answer is wrong; the message is a helpful sentence.
     """
     verdict, sentence = judge(answer, name, seed=seed)
     if verdict is not Verdict.CORRECT:

@@ -1,7 +1,7 @@
-"""Reads a learner's notebook and takes out of it what one answer needs.
+"""Reads a learner's notebook and extracts the cells that one answer needs.
 
-An answer is run with the cells that define the names it uses, and with no others: a cell that
-plays around, fails or never ends costs nothing unless an answer needs it.
+An answer is run only with the cells that define the names it uses. So a cell that experiments,
+fails or never ends does no harm unless an answer needs it.
 """
 
 import builtins

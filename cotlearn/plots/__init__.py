@@ -1,9 +1,9 @@
 """Every figure of the course.
 
-The functions here draw and compute nothing: what they are given is what is seen. They accept torch
-tensors or numpy arrays and return the Axes, the array of Axes, or the animation. Where a figure can
-be a panel of a larger one, ``ax`` says which; a new figure is opened by default. ``style`` says
-what everything looks like.
+These functions only draw their arguments and compute nothing. They accept torch tensors or numpy
+arrays and return the Axes, the array of Axes, or the animation. If a figure can be a panel of a
+larger one, ``ax`` is that panel; by default a new figure is opened. ``style`` defines colours,
+markers and labels.
 """
 
 from cotlearn.plots._canvas import panels

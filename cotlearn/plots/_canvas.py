@@ -1,4 +1,4 @@
-"""What every figure needs: arrays to draw, panels, axes, legends."""
+"""Helpers of all figures: arrays, panels, axes and legends."""
 
 from typing import Any
 
@@ -20,10 +20,10 @@ def as_array(value: Numbers, *shape: int | str) -> Array:
 
     Args:
         value: numbers.
-        shape: of the array, say ``"n", 2``; a word stands for any size. Any shape by default.
+        shape: expected shape, say ``"n", 2``; a string allows any size. Any shape by default.
 
     Raises:
-        ValueError: another shape, which would draw something else than was meant.
+        ValueError: the array has another shape.
     """
     if hasattr(value, "detach"):
         value = value.detach().cpu()
@@ -46,7 +46,7 @@ def read_condition(c: Numbers, rows: int) -> tuple[NDArray[Any] | None, int]:
     are values.
 
     Raises:
-        ValueError: not one row for each point, or several columns that are not one-hot.
+        ValueError: c does not have one row per point, or has several columns but is not one-hot.
     """
     if c is None:
         return None, 0
@@ -93,12 +93,12 @@ def panels(
 
 
 def open_axes(ax: Axes | None, figsize: tuple[float, float] = CHART) -> Axes:
-    """The Axes that were given, or those of a new figure of this size in inches."""
+    """Return ``ax``, or the Axes of a new figure of this size in inches."""
     return ax or plt.subplots(figsize=figsize, layout="constrained")[1]
 
 
 def open_plane(ax: Axes | None, *, legend: bool = False) -> Axes:
-    """The Axes that were given, or a new square panel, with room beside it for a legend."""
+    """Return ``ax``, or a new square panel, with room for a legend beside it if asked for."""
     return open_axes(ax, (PANEL_SIZE + (1.3 if legend else 0.4), PANEL_SIZE + 0.3))
 
 
@@ -122,7 +122,7 @@ def legend_beside(ax: Axes, **look: Any) -> None:
 def logarithmic(ax: Axes, names: str) -> None:
     """Make axes, "x", "y" or "xy", logarithmic once all is drawn.
 
-    Numbers are written as 0.5 and 20 instead of powers of ten, where that is short.
+    Tick labels are written as 0.5 and 20 instead of powers of ten if that is short.
     """
     for name in names:
         axis = ax.xaxis if name == "x" else ax.yaxis

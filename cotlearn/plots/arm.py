@@ -1,4 +1,4 @@
-"""The arm: paths of its tip from above and in space, and a drawing of the arm itself."""
+"""Figures of the arm: paths of its tip from above and in 3D, and the arm itself."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -23,15 +23,15 @@ _FAILED = -1
 def arm_paths(
     paths: Numbers, state: Numbers, *, modes: Numbers, ax: Axes | None = None, title: str = ""
 ) -> Axes:
-    """Draw paths of the tip from above, with the pillars to their scale; a ring is the goal.
+    """Draw paths of the tip from above, with the pillars to scale and a ring at the goal.
 
     Args:
         paths: (n, T, 3), metres.
-        state: (columns,): tip, goal and pillars, as `cotlearn.robots.arm.columns` has them.
+        state: (columns,): tip, goal and pillars; see `cotlearn.robots.arm.task.columns`.
         modes: (n,), the mode of each path, which colours it; -1, a failure, is grey,
             dashed and ends in a cross.
-        ax: where to draw; a new figure by default.
-        title: words above the panel.
+        ax: Axes to draw into; a new figure by default.
+        title: title of the panel.
     """
     lines, scene = as_array(paths, "n", "T", 3), as_array(state, "columns")
     ax = open_axes(ax, SIZE)
@@ -61,15 +61,15 @@ def arm_paths_3d(
     ax: Any = None,
     title: str = "",
 ) -> Any:
-    """Draw paths of the tip in space, with a legend of the modes that occur.
+    """Draw paths of the tip in 3D, with a legend of the modes that occur.
 
     Args:
         paths: (n, T, 3), metres.
         state: (columns,), as in :func:`arm_paths`.
         modes: (n,), as in :func:`arm_paths`.
-        labels: of the modes 0, 1, ...
+        labels: labels of the modes 0, 1, ...
         ax: 3D axes; a new figure by default.
-        title: words above the panel.
+        title: title of the panel.
     """
     lines, scene = as_array(paths, "n", "T", 3), as_array(state, "columns")
     ax = _open_space(ax)
@@ -98,7 +98,7 @@ def arm_pose(points: Numbers, state: Numbers, *, ax: Any = None, title: str = ""
         points: (10, 3), base, seven joints, flange and tip: `cotlearn.robots.arm.skeleton(joints)`.
         state: (columns,), as in :func:`arm_paths`.
         ax: 3D axes; a new figure by default.
-        title: words above the panel.
+        title: title of the panel.
     """
     ax = _open_space(ax)
     draw_arm(ax, as_array(points, 10, 3), as_array(state, "columns"))
@@ -112,7 +112,7 @@ def _by_mode(lines: Array, modes: Numbers) -> dict[int, Array]:
 
 
 def _look(mode: int) -> dict[str, Any]:
-    """A colour for each of ten modes, then dashes as well; what failed is grey and dashed."""
+    """A colour for each of ten modes, then dashed lines; failures are grey and dashed."""
     failed = mode == _FAILED
     return {
         "colors": PATH_COLOR if failed else condition_color(mode),

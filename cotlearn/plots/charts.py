@@ -33,12 +33,12 @@ def curves(
         values: name -> (m,) values of one seed, or (seeds, m); the line is the mean over seeds,
             the band reaches from the smallest to the largest.
         floor: a dotted line at the smallest value that can be expected.
-        floor_label: its words.
-        ax: where to draw; a new figure by default.
-        xlabel: words below.
-        ylabel: words beside.
-        title: words above.
-        labels: words for the legend where they differ from ``label_of``.
+        floor_label: label of the floor.
+        ax: Axes to draw into; a new figure by default.
+        xlabel: label of the horizontal axis.
+        ylabel: label of the vertical axis.
+        title: title of the figure.
+        labels: name -> legend label, if it differs from ``label_of``.
         log: "", "x", "y" or "xy": the axes that are logarithmic.
         legend: whether to draw the legend.
     """
@@ -73,7 +73,7 @@ def error_against_nfe(
     Args:
         nfe: (m,) numbers of evaluations.
         errors: name of the coupling -> (m,) or (seeds, m), as in :func:`curves`.
-        ylabel: words beside the vertical axis.
+        ylabel: label of the vertical axis.
         log: whether the error's axis is logarithmic.
         options: more of :func:`curves`: floor, floor_label, ax, title, labels, legend.
     """
@@ -92,13 +92,13 @@ def score_against_nfe(
 ) -> Axes:
     """Plot scores against network evaluations: a line through the means, a dot for every seed.
 
-    Methods are shifted a little sideways, so that their dots and bars do not cover each other.
+    Methods are shifted slightly sideways so that their dots and bars do not overlap.
 
     Args:
         scores: method -> evaluations -> (seeds,) scores; methods may have different evaluations.
         intervals: the same keys -> (low, high), drawn as bars.
-        ax: where to draw; a new figure by default.
-        ylabel: words beside.
+        ax: Axes to draw into; a new figure by default.
+        ylabel: label of the vertical axis.
         legend: whether to draw the legend, to the right.
     """
     ax = open_axes(ax)
@@ -119,7 +119,7 @@ def score_against_nfe(
 
 
 def score_against_latency(latency: Mapping[int, float], scores: Scores) -> Axes:
-    """Plot coverage against the milliseconds that a chunk takes; the evaluations stand above.
+    """Plot coverage against the latency of a chunk; the upper axis shows the evaluations.
 
     Args:
         latency: evaluations -> milliseconds, above 0.
@@ -147,7 +147,7 @@ def histogram(values: Mapping[str, Numbers], *, bins: int = 40, xlabel: str) -> 
     Args:
         values: name -> (n,) numbers.
         bins: number of common bins.
-        xlabel: words below.
+        xlabel: label of the horizontal axis.
     """
     samples = {name: as_array(value, "n") for name, value in values.items()}
     edges = list(np.histogram_bin_edges(np.concatenate(list(samples.values())), bins))

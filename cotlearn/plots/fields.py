@@ -1,4 +1,4 @@
-"""Functions of the plane: velocities, potentials, and what their maps make of nets and curves."""
+"""Functions of the plane: velocity fields, potentials, images of grids and curves under maps."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +16,7 @@ def velocity_field(
     Args:
         points: (n, 2) places.
         velocity: (n, 2) velocities there.
-        ax: where to draw; a new figure by default.
+        ax: Axes to draw into; a new figure by default.
         limit: both axes run from -limit to limit.
     """
     places, arrows = as_array(points, "n", 2).T, as_array(velocity, "n", 2).T
@@ -32,7 +32,7 @@ def contours(across: Numbers, up: Numbers, height: Numbers, *, title: str = "") 
         across: (m,) rising first coordinates.
         up: (n,) rising second coordinates.
         height: (n, m) values, one row for each of ``up``.
-        title: words above the panel.
+        title: title of the panel.
     """
     x, y, z = as_array(across), as_array(up), as_array(height)
     ax = open_plane(None)
@@ -51,14 +51,14 @@ def net(
     limit: float | None = None,
     color: str = SOURCE_COLOR,
 ) -> Axes:
-    """Draw a net whose knots are points of the plane: a grid, or its image under a map.
+    """Draw a grid, or its image under a map, by its nodes.
 
     Args:
         knots: (rows, columns, 2) places of the knots.
-        ax: where to draw; a new figure by default.
-        title: words above the panel.
+        ax: Axes to draw into; a new figure by default.
+        title: title of the panel.
         limit: both axes run from -limit to limit.
-        color: of the threads.
+        color: color of the lines.
     """
     array = as_array(knots, "rows", "columns", 2)
     ax = open_plane(ax)
@@ -85,8 +85,8 @@ def outlines(
         curves: (n, K, 2), n points of each of K curves in order; the last is joined to the first.
         c: the condition of each curve, as in :func:`scatter`: K rows.
         truth: (m, K, 2) points of the true curves.
-        ax: where to draw; a new figure by default.
-        title: words above the panel.
+        ax: Axes to draw into; a new figure by default.
+        title: title of the panel.
         limit: both axes run from -limit to limit.
     """
     learned, true = as_array(curves, "n", "K", 2), as_array(truth, "m", "K", 2)

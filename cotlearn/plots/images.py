@@ -1,4 +1,4 @@
-"""Small images, side by side: ink on white, and pictures in colour."""
+"""Tiles of small images: grey values and colour images."""
 
 from collections.abc import Sequence
 
@@ -13,8 +13,8 @@ def image_grid(images: Numbers, *, row_labels: Sequence[str], title: str = "") -
 
     Args:
         images: (n, 64) with values in [-1, 1], 1 being ink.
-        row_labels: words beside the rows.
-        title: words above.
+        row_labels: labels beside the rows.
+        title: title of the figure.
     """
     ink = as_array(images, "n", 64).reshape(-1, 8, 8, 1)
     ax = _tile(127.5 * (1 - ink), 10, row_labels, inches=0.52)
@@ -28,7 +28,7 @@ def picture_grid(pictures: Numbers, *, columns: int, row_labels: Sequence[str]) 
     Args:
         pictures: (n, height, width, 3), 0 to 255.
         columns: pictures in a row.
-        row_labels: words beside the rows.
+        row_labels: labels beside the rows.
     """
     colors = as_array(pictures, "n", "height", "width", 3)
     return _tile(colors, columns, row_labels, inches=1.05)

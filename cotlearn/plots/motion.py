@@ -1,4 +1,4 @@
-"""Animations: small, extra, and never carrying the argument."""
+"""Small animations that supplement the figures."""
 
 import base64
 import io
@@ -42,11 +42,11 @@ def animate(paths: Mapping[str, Numbers], c: Numbers = None, *, limit: float) ->
         for dot, array in zip(dots, arrays.values(), strict=True):
             dot.set_offsets(array[min(frame, times - 1)])
 
-    return animation_of(figure, draw, frames=times + 6)  # it stands still for six frames
+    return animation_of(figure, draw, frames=times + 6)  # the last six frames stand still
 
 
 def animation_of(figure: Figure, draw: Callable[[int], None], *, frames: int) -> FuncAnimation:
-    """An animation of a figure, which is closed: a notebook would show its first frame as well."""
+    """Animate a figure and close it, so that a notebook does not also show its first frame."""
     made = FuncAnimation(figure, draw, frames=frames, interval=100, blit=False)
     plt.close(figure)
     return made
@@ -54,7 +54,7 @@ def animation_of(figure: Figure, draw: Callable[[int], None], *, frames: int) ->
 
 @dataclass(frozen=True)
 class Gif:
-    """A GIF that notebooks display, and pages made from them too."""
+    """A GIF that is displayed in notebooks and in HTML pages made from them."""
 
     data: bytes
 
@@ -69,11 +69,11 @@ def gif(animation: FuncAnimation, *, fps: int = 9, dpi: int = 72) -> Gif:
 
     Args:
         animation: from :func:`animate` or :func:`push_t_animation`.
-        fps: frames a second.
+        fps: frames per second.
         dpi: dots an inch; 72 keeps three panels of 30 frames well below 1 MB.
 
     Returns:
-        What a cell displays; the bytes are in ``.data``.
+        An object that a cell displays; its bytes are in ``.data``.
     """
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "animation.gif"
@@ -86,7 +86,7 @@ def film(images: Sequence[NDArray[np.uint8]], *, fps: int = 10) -> Gif:
 
     Args:
         images: (height, width, 3) each, as `env.render()` gives them.
-        fps: frames a second.
+        fps: frames per second.
     """
     # by coverage of the colours, not of the area: the small goal stays green
     method, dither = Image.Quantize.MAXCOVERAGE, Image.Dither.NONE

@@ -41,8 +41,8 @@ def scatter(
         x: (n, 2) points.
         c: None, one-hot (n, K), classes (n,), or continuous (n, 1) or (n,).
         x0: optional noise (or other source) points (m, 2), drawn small and dark.
-        ax: where to draw; a new figure by default.
-        title: words above the panel.
+        ax: Axes to draw into; a new figure by default.
+        title: title of the panel.
         limit: both axes run from -limit to limit; fitted to the data by default.
         size: marker area in points squared.
         legend: name the classes (discrete c) or draw a colour bar (continuous c).
@@ -120,8 +120,8 @@ def paired_source(
     Args:
         x0: (n, 2) source points.
         c: the condition each of them was paired with, as in :func:`scatter`.
-        ax: where to draw; a new figure by default.
-        title: words above the panel.
+        ax: Axes to draw into; a new figure by default.
+        title: title of the panel.
         legend: as in :func:`scatter`.
     """
     points = as_array(x0, "n", 2)
@@ -143,14 +143,14 @@ def paired_source(
 def source_given_condition(
     x0: Numbers, c: Numbers, *, labels: Sequence[str] | None = None, title: str = ""
 ) -> NDArray[Any]:
-    """Draw p(x0 | c) one panel a class: the paired noise in colour, all the other noise faint.
+    """Draw p(x0 | c), one panel per class: noise of the class in colour, other noise faint.
 
     The thin circle has radius 2: a standard normal in the plane keeps 86 % of its samples inside.
 
     Args:
         x0: (n, 2) source points.
         c: classes, one-hot (n, K) or integers (n,), that they were paired with.
-        labels: words for the classes.
+        labels: labels of the classes.
         title: words in front of the first panel's title.
 
     Returns:

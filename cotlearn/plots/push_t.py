@@ -22,8 +22,8 @@ def push_t_state(state: Numbers, *, ax: Axes | None = None, title: str = "") -> 
 
     Args:
         state: (5,): agent x and y, T x, y and angle.
-        ax: where to draw; a new figure by default.
-        title: words above the panel.
+        ax: Axes to draw into; a new figure by default.
+        title: title of the panel.
     """
     now = as_array(state, 5)
     ax = _world(ax, title)
@@ -37,8 +37,8 @@ def push_t_episode(states: Numbers, *, ax: Axes | None = None, title: str = "") 
 
     Args:
         states: (T, 5), T at least 2, as in :func:`push_t_state`.
-        ax: where to draw; a new figure by default.
-        title: words above the panel.
+        ax: Axes to draw into; a new figure by default.
+        title: title of the panel.
     """
     array = as_array(states, "T", 5)
     ax = _world(ax, title)
@@ -68,9 +68,9 @@ def push_t_chunks(
     Args:
         state: (5,), as in :func:`push_t_state`.
         chunks: (n, T, 2), targets of the agent in pixels.
-        ax: where to draw; a new figure by default.
-        title: words above the panel.
-        color: of the chunks.
+        ax: Axes to draw into; a new figure by default.
+        title: title of the panel.
+        color: color of the chunks.
     """
     array = as_array(chunks, "n", "T", 2)
     ax = push_t_state(state, ax=ax, title=title)
@@ -83,7 +83,7 @@ def push_t_chunks(
 
 
 def push_t_animation(episodes: Mapping[str, Numbers], *, every: int, panel: float) -> FuncAnimation:
-    """Animate episodes side by side; one that is over stands still. Show it with `plots.gif`.
+    """Animate episodes side by side; ended episodes stand still. Show it with `plots.gif`.
 
     Args:
         episodes: title -> (T, 5) states.

@@ -1,4 +1,4 @@
-"""One row a name: bars, our results beside published ones, differences, and a heat map."""
+"""Charts with one row per name: bars, published results, differences, and a heat map."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -23,10 +23,10 @@ def bars(
 
     Args:
         values: name -> height.
-        ax: where to draw; a new figure by default.
+        ax: Axes to draw into; a new figure by default.
         ylabel: words for the quantity, below the axis.
-        title: words above.
-        labels: words for the names where they differ from ``label_of``.
+        title: title of the figure.
+        labels: name -> label, if it differs from ``label_of``.
         log: logarithmic axis.
     """
     ax = open_axes(ax, (5.2, 0.9 + 0.42 * len(values)))
@@ -49,17 +49,17 @@ def beside_published(
     title: str = "",
     legend: bool = True,
 ) -> Axes:
-    """Draw one row a method: the mean of our seeds, filled, and the published number, hollow.
+    """Draw one row per method: the mean of our seeds, filled, and the published score, hollow.
 
-    The line through the mean reaches from the best seed to the worst. The axis is logarithmic.
+    The line through the mean spans the best and the worst seed. The axis is logarithmic.
 
     Args:
         ours: name -> (seeds,) positive scores, drawn from top to bottom.
         published: name -> a positive score; names among those of ``ours``.
         floor: a dotted line at what true samples score with as many points as ours.
-        labels: words for the names where they differ from ``label_of``.
-        ax: where to draw; a new figure by default.
-        title: words above.
+        labels: name -> label, if it differs from ``label_of``.
+        ax: Axes to draw into; a new figure by default.
+        title: title of the figure.
         legend: whether to say what filled, hollow and dotted mean.
     """
     ax = open_axes(ax, (5.2, 1.1 + 0.34 * len(ours)))
@@ -90,14 +90,14 @@ def differences(
     ax: Axes | None = None,
     xlabel: str,
 ) -> Axes:
-    """Draw one row a difference to a reference: its value and interval, with a line at zero.
+    """Draw one row per difference to a reference: value and interval, with a line at zero.
 
     Args:
-        rows: words -> (mean, low, high), drawn from top to bottom.
-        methods: words -> the method whose colour and marker the row has.
-        margin: a dotted line at -margin: what may be lost.
-        ax: where to draw; a new figure by default.
-        xlabel: words below.
+        rows: label -> (mean, low, high), drawn from top to bottom.
+        methods: label -> the method whose colour and marker the row has.
+        margin: the largest acceptable loss, a dotted line at -margin.
+        ax: Axes to draw into; a new figure by default.
+        xlabel: label of the horizontal axis.
     """
     ax = open_axes(ax, (5.6, 1.0 + 0.24 * len(rows)))
     ax.axvline(0, color=PATH_COLOR, linewidth=0.9, zorder=0)
@@ -131,8 +131,8 @@ def strata_heatmap(
         columns: numbers of strata.
         limits: the values that are darkest and brightest; the smallest and largest by default.
         digits: after the point.
-        ax: where to draw; a new figure by default.
-        title: words above.
+        ax: Axes to draw into; a new figure by default.
+        title: title of the figure.
     """
     table = as_array(values, len(rows), len(columns))
     ax = open_axes(ax, (1.2 + 0.75 * len(columns), 1.0 + 0.6 * len(rows)))

@@ -18,7 +18,7 @@ from cotlearn.plots._canvas import Numbers, read_condition
 
 
 class Look(NamedTuple):
-    """How a method is drawn: its words in a legend, and its colour, marker and line style."""
+    """The look of a method: its legend label, colour, marker and line style."""
 
     label: str
     color: str
@@ -85,7 +85,7 @@ def style_of(name: str) -> dict[str, Any]:
 
 
 def label_of(name: str, labels: Mapping[str, str] | None = None) -> str:
-    """The words for a coupling in a legend: those of ``labels``, the course's, or its name."""
+    """The legend label of a coupling: from ``labels``, the course's own, or its name."""
     if labels and name in labels:
         return labels[name]
     return LOOKS[name].label if name in LOOKS else name

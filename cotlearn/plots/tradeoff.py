@@ -1,4 +1,4 @@
-"""The frontier: couplings between skew and one-step variance."""
+"""The frontier: skew against one-step variance of couplings."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -38,8 +38,8 @@ def frontier(
         errors: name -> a measured error that is written below the name.
         labels: words where they differ from the names.
         curve: names that a line joins in this order: a sweep of weights.
-        ax: where to draw; a new figure by default. Its size and limits should be set before.
-        title: words above the panel.
+        ax: Axes to draw into; a new figure by default. Its size and limits should be set before.
+        title: title of the panel.
     """
     shown = list(points)
     names = [point.name for point in shown]
@@ -72,7 +72,7 @@ def _low_value_high(value: float, interval: tuple[float, float]) -> list[float]:
 
 
 def _annotate(ax: Axes, x: Array, y: Array, texts: Sequence[str], colors: Sequence[str]) -> None:
-    """Write each text near its point, at the nearest of many places that covers nothing yet.
+    """Write each text near its point, at the nearest of many positions that is still free.
 
     x and y are (n, 3): low end, value and high end of the error bars.
     """

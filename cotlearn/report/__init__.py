@@ -1,7 +1,8 @@
-"""A report on data of your own: which coupling, why, and a few-step model that was tried.
+"""A report on your own data: a recommended coupling, the reason, and a trained few-step model.
 
-``read_data(path)`` opens an .npz with x1 and c, a LeRobot folder or a Diffusion Policy zarr;
-``examine(rows)`` looks, recommends, trains and scores; ``write_page(findings, path)`` tells it.
+``read_data(path)`` reads an .npz with x1 and c, a LeRobot folder or a Diffusion Policy zarr;
+``examine(rows)`` recommends a coupling, trains and scores it; ``write_page(findings, path)`` writes
+the report.
 """
 
 from cotlearn.report.findings import Trial, examine

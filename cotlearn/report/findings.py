@@ -1,4 +1,4 @@
-"""What a report says: the look at the data, the recommendation, and a model that was tried."""
+"""The contents of a report: the diagnosis, the recommendation, and trained models."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +32,7 @@ class Trial:
     """One coupling, trained and scored on held-out rows.
 
     Attributes:
-        name: "independent", or the recommended one's name on the frontier.
+        name: "independent", or the recommended coupling's name on the frontier.
         coupling: `Coupling.name`, for its colour.
         scores: (NFE, n) energy score of each held-out row in standard units; small is good.
         model: what was trained.
@@ -44,19 +44,19 @@ class Trial:
     model: FewStepModel
 
     def at(self, nfe: int) -> float:
-        """The mean score at so many evaluations."""
+        """The mean score at `nfe` evaluations."""
         return float(self.scores[NFE.index(nfe)].mean())
 
 
 @dataclass(frozen=True)
 class Findings:
-    """All that the page tells.
+    """The contents of the page.
 
     Attributes:
         rows: the data.
-        train: rows that were trained on, standard units.
-        test: held-out rows.
-        advice: of `recommend`.
+        train: training rows, standardised.
+        test: held-out rows, standardised.
+        advice: the result of `recommend`.
         trials: independent pairs, then the recommended coupling if it is another.
         settings: seed, steps and sizes; JSON-compatible.
     """
@@ -70,7 +70,7 @@ class Findings:
 
     @property
     def model(self) -> FewStepModel:
-        """The recommended one."""
+        """The model of the recommended coupling."""
         return self.trials[-1].model
 
     def gain(self, nfe: int) -> tuple[float, float]:
@@ -106,7 +106,7 @@ class Findings:
 
 
 def split(rows: Rows, *, seed: int = 0) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows to train on, of three quarters of the groups, and rows held out.
+    """Split rows by group: three quarters of the groups for training, the others held out.
 
     Raises:
         ValueError: too few rows or groups.
@@ -133,7 +133,7 @@ def examine(
     seed: int = 0,
     checkpoints: Path | None = None,
 ) -> Findings:
-    """Look at the data, recommend a coupling, train it and independent pairs, score both.
+    """Diagnose the data, recommend a coupling, train with it and with independent pairs, score.
 
     Args:
         rows: of `read_data` or `from_arrays`; at least 300.

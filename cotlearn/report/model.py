@@ -1,4 +1,4 @@
-"""The few-step model that a report leaves behind: units of your data in, units of your data out."""
+"""The few-step model that a report trains; it takes and returns values in the data's units."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class FewStepModel:
     def sample(
         self, c: Tensor, *, nfe: int = 1, generator: torch.Generator | None = None
     ) -> Tensor:
-        """One x1 (n, d) for each row of c (n, k), by `nfe` Euler steps."""
+        """Sample one x1 (n, d) for each row of c (n, k) with `nfe` Euler steps."""
         c = check_matrix(check_condition(c), "c", columns=len(self.c.mean))
         x0 = torch.randn(len(c), len(self.x.mean), generator=generator)
         x1: Tensor = self.x.inverse(integrate(self.network, x0, self.c(c), nfe=nfe).x1)

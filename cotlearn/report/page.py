@@ -1,4 +1,4 @@
-"""The findings as one HTML page that needs nothing else: figures inside, no network, no scripts."""
+"""The findings as one self-contained HTML page, with figures inside and without scripts."""
 
 import base64
 import importlib.metadata

@@ -1,4 +1,4 @@
-"""Data of your own: arrays, an .npz, a LeRobot folder, a Diffusion Policy zarr."""
+"""Reads your own data: arrays, an .npz, a LeRobot folder, a Diffusion Policy zarr."""
 
 import zipfile
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ EXPECTED = "an .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr
 
 @dataclass(frozen=True)
 class Rows:
-    """A data set, and which rows belong together.
+    """A data set and its groups of rows that belong together.
 
     Attributes:
         data: x1 (n, d) and c (n, k), float32.
@@ -70,16 +70,16 @@ def read_data(path: str | Path, *, observe: int = 2, predict: int = 16) -> Rows:
 def from_arrays(
     x1: ArrayLike, c: ArrayLike, *, group: ArrayLike | None = None, name: str = "my data"
 ) -> Rows:
-    """Arrays as rows; axes after the first are flattened.
+    """Convert arrays to rows; axes after the first are flattened.
 
-    A vector c of text, of yes and no, or of whole numbers holds labels, which become one-hot; a
-    vector of floating-point numbers is one number a row.
+    A vector c of strings, booleans or integers holds labels, which become one-hot; a vector of
+    floating-point numbers becomes one column.
 
     Args:
-        x1: (n, ...), what is to be generated.
+        x1: (n, ...), the data to generate.
         c: (n, ...) numbers, or (n,) labels.
-        group: (n,) whole numbers or text; every row is its own group if None.
-        name: how to call it.
+        group: (n,) integers or strings; every row is its own group if None.
+        name: name of the data.
 
     Raises:
         TypeError: an array does not hold numbers.
@@ -108,18 +108,18 @@ def from_arrays(
 def from_episodes(
     state: ArrayLike, action: ArrayLike, ends: ArrayLike, *, observe: int, predict: int, name: str
 ) -> Rows:
-    """Recorded episodes as rows: the last states are the condition, the next actions are x1.
+    """Convert episodes to rows: the last states are the condition, the next actions are x1.
 
-    One row for each step; at both ends of an episode the first state and the last action are
-    repeated. The rows of an episode are one group.
+    There is one row per step; at the ends of an episode the first state and the last action are
+    repeated. The rows of an episode form one group.
 
     Args:
-        state: (N, s), one row a step.
-        action: (N, a), what was done in it.
-        ends: (E,), where each episode ends, exclusive.
-        observe: states in c.
-        predict: actions in x1.
-        name: how to call it.
+        state: (N, s), one row per step.
+        action: (N, a), the action taken in each state.
+        ends: (E,), exclusive end of each episode.
+        observe: number of states in c.
+        predict: number of actions in x1.
+        name: name of the data.
     """
     seen, done, last = _numbers(state, "state"), _numbers(action, "action"), np.asarray(ends)
     check_same_rows(seen, "state", done, "action")
