@@ -55,7 +55,8 @@ def train(
         f"{trained.seconds:.0f} s"
     )
     if rollouts:
-        names = [chosen.task.score, *chosen.task.thresholds]
+        derived = [*chosen.task.capped, *chosen.task.thresholds]
+        names = [chosen.task.score, *(name for name in derived if not name.endswith("_200"))]
         table = Table("sampler", *(n.replace("_", " ") for n in names), "ms a chunk", box=None)
         for sampler in trained.policy.sampler.variants:
             policy = trained.policy.with_sampler(sampler)

@@ -65,12 +65,14 @@ class FixedPairs(Independent):
 
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """Raise ValueError unless noise and data have the same number of rows."""
+        self._check_finite(data)
         check_same_rows(self.x0, "x0", data.x1, "x1 of the data")
 
     def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
         """Draw n of the pairs, with replacement."""
         drawn = torch.randint(len(data), (n,), generator=generator)
-        return Pairs(self.x0[drawn], data.x1[drawn], data.c[drawn], drawn, drawn)
+        c = None if data.c is None else data.c[drawn]
+        return Pairs(self.x0[drawn], data.x1[drawn], c, drawn, drawn)
 
 
 __getattr__ = renamed(__name__, {"MadePairs": "FixedPairs"})

@@ -26,7 +26,7 @@ class Diffusion:
 
     Args:
         levels: N, at least 2 (Diffusion Policy: 100).
-        clip: the predicted x1 is cut to [-clip, clip] while sampling; None for data without range.
+        clip: the predicted x1 is clipped to [-clip, clip] while sampling; None: no clipping.
         prediction: what the network predicts: the "noise" x0 (Ho 2006.11239), the "data" x1, or
             the "velocity" sqrt(a_k) x0 - sqrt(1 - a_k) x1 (Salimans & Ho 2202.00512).
         zero_terminal_snr: rescale a_k so that the last level is noise alone (Lin 2305.08891,
@@ -171,5 +171,5 @@ def regression_loss(network: Velocity, pairs: Pairs, generator: torch.Generator)
 
 
 def predict(network: Velocity, x: Tensor, c: Tensor | None) -> Tensor:
-    """What a network trained with `regression_loss` predicts; of x only the shape counts."""
+    """What a network trained with `regression_loss` predicts; only the shape of x is used."""
     return network(torch.zeros((), dtype=x.dtype, device=x.device), torch.zeros_like(x), c)

@@ -57,10 +57,10 @@ def conditional_flow_matching_loss(
 
 @dataclass(frozen=True)
 class FlowMatching:
-    """Conditional flow matching with another share of times, or another target of the network.
+    """Conditional flow matching with extra weight on t = 0, or with the data as the target.
 
-    A network that predicts the data is trained on |network(t, x_t, c) - x1|^2. It stands for the
-    velocity field (network - x_t) / (1 - t), whose errors this loss weighs by (1 - t)^2.
+    A network that predicts the data is trained on |network(t, x_t, c) - x1|^2. It represents the
+    velocity field (network - x_t) / (1 - t), whose squared error this loss weighs by (1 - t)^2.
 
     Args:
         share_at_t0: share of the rows, in [0, 1], that are trained at t = 0: one-step sampling
@@ -88,7 +88,7 @@ class FlowMatching:
 
 
 def velocity_of(network: Velocity, prediction: str = "velocity") -> Velocity:
-    """The velocity field that a network stands for, for t below 1.
+    """The velocity field that a network represents, for t below 1.
 
     Args:
         network: trained with `FlowMatching` of the same prediction.

@@ -89,7 +89,7 @@ def _inside(states: Array, twist: Twist) -> NDArray[np.bool_]:
 
 
 def _starts(twist: Twist) -> Array:
-    seeds = itertools.count(2_000_000)  # those of evaluation begin at 1_000_000
+    seeds = itertools.count(2_000_000)  # as `COUNTED` of the course, whose tasks have no obstacle
     drawn = (np.array(random_state(np.random.default_rng(seed))) for seed in seeds)
     free = (state for state in drawn if not _inside(state, twist))
     return np.array(list(itertools.islice(free, EPISODES)))

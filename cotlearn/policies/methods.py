@@ -80,10 +80,10 @@ class Method:
     prepare: Callable[[Run], None] | None = None
 
     def settle(self, options: Options) -> Options:
-        """The options, with this method's prediction where they leave it open.
+        """Fill in this method's default prediction if the options leave it open.
 
         Raises:
-            ValueError: the method cannot be trained to make the prediction they ask for.
+            ValueError: the method cannot be trained on the prediction of the options.
         """
         wanted = options.prediction or self.predictions[0]
         name = f"prediction of {self.name}"
@@ -99,15 +99,15 @@ def _stratified(
     options: Options, pictures: EmbeddedClusters | None, *, residual: bool = False
 ) -> StratifiedOT:
     if options.clusters is None:
-        raise ValueError("clusters must be a number, got None: `with_choice` asks the frontier")
+        raise ValueError("clusters must be an integer, got None: choose it with `with_choice`")
     return StratifiedOT(pictures or options.clusters, residual=residual)
 
 
 def _centre(run: Run) -> None:
-    """Pairs what a regression on the condition leaves of the chunks.
+    """Pair noise with the residuals of a regression of the chunks on the condition.
 
-    The regression is trained for a fifth of the steps only: one that remembers the rows would
-    leave nothing of them.
+    The regression is trained for a fifth of the steps only: one that memorises the rows would
+    leave no residual.
     """
     first = replace(run, coupling=Independent(), loss=regression_loss)
     first.options = replace(run.options, steps=max(1, run.options.steps // 5))
@@ -219,7 +219,7 @@ METHODS: dict[str, Method] = {
 
 
 def find_method(method: str | Method) -> Method:
-    """The row of this name; a row of one's own is returned as it is.
+    """Look up a method by name; a `Method` is returned unchanged.
 
     Raises:
         ValueError: there is none of this name.

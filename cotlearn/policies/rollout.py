@@ -110,7 +110,7 @@ def rollout(
     active = ~sim.finished
     steps = np.zeros(episodes, dtype=np.int64)
     done = np.full((max_steps, episodes, len(task.action)), np.nan)
-    kept, seconds, chunks = [state], 0.0, 0
+    kept, seconds, chunks, early = [state], 0.0, 0, None
     with progress_bar(total=max_steps, what="rollout", show=progress) as bar:
         for now in range(max_steps):
             if not active.any():
@@ -132,6 +132,8 @@ def rollout(
                 chunks += len(rows)
             action = plan[:, place]
             sim.step(action, active=active)
+            if now + 1 == task.early_steps:
+                early = sim.outcomes()[task.score]
             done[now, active] = action[active]
             steps[active] += 1
             state = sim.states
@@ -140,10 +142,15 @@ def rollout(
             if record:
                 kept.append(state)
             bar.update()
+    outcomes = sim.outcomes()
+    if task.early_steps:
+        outcomes[f"{task.score}_{task.early_steps}"] = (
+            outcomes[task.score] if early is None else early
+        )
     return Rollouts(
         task=task,
         seed=np.asarray(seeds, dtype=np.int64),
-        outcomes=with_thresholds(task, sim.outcomes()),
+        outcomes=with_derived(task, outcomes),
         steps=steps,
         jerk=_jerk(done, steps),
         seconds=seconds,
@@ -152,13 +159,19 @@ def rollout(
     )
 
 
-def with_thresholds(task: Task, found: dict[str, Array]) -> dict[str, Array]:
-    """Add the outcomes of the task's thresholds (1 above the threshold, else 0) to `found`."""
+def with_derived(task: Task, found: dict[str, Array]) -> dict[str, Array]:
+    """Add to `found` the outcomes that the task derives from others: thresholds and ratios."""
     passed = {
         name: (found[of] > threshold).astype(np.float64)
         for name, (of, threshold) in task.thresholds.items()
+        if of in found  # tables of older versions lack some
     }
-    return {**found, **passed}
+    ratios = {
+        name: np.minimum(found[of] / full, 1.0)
+        for name, (of, full) in task.capped.items()
+        if of in found
+    }
+    return {**found, **passed, **ratios}
 
 
 def _jerk(done: Array, steps: NDArray[np.int64]) -> Array:

@@ -19,7 +19,7 @@ from cotlearn.validation import check_choice
 class Sampler:
     """Turns noise into chunks with a network. A new one overrides `name`, `nfe` and the call."""
 
-    random: ClassVar[bool] = True  #: whether the noise counts
+    random: ClassVar[bool] = True  #: whether samples depend on the noise
 
     @property
     def draws(self) -> int:
@@ -122,7 +122,7 @@ class DDPMSampler(Sampler):
     def variants(self) -> list[Sampler]:
         """The chain itself, and DDIM: where the last level is noise alone, from there.
 
-        A network that predicts the noise is drawn from in both spacings.
+        A network that predicts the noise is sampled with both spacings.
         """
         exact = self.prediction != "noise"
         few = [(n, "trailing") for n in (1, 2, 4, 16)] if exact else product((4, 16), SPACINGS)

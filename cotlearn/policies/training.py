@@ -30,7 +30,7 @@ _OLD_NAMES = {"whole": "open_loop", "early": "share_at_t0"}
 
 @dataclass(frozen=True)
 class Options:
-    """What a training is made of, the same for all methods unless said otherwise.
+    """The options of a training, the same for all methods unless said otherwise.
 
     Attributes:
         steps: gradient steps; of reflow, for the teacher and for the student; of "centred", for the
@@ -46,8 +46,8 @@ class Options:
         scale: "deviation" or "range", see `Windows.fit`.
         observe: steps that a policy sees.
         predict: steps of a chunk.
-        execute: steps of it that are done before the next is drawn.
-        knots: points that stand for a chunk; every step if None.
+        execute: steps of a chunk to execute before the next is sampled.
+        knots: number of predicted points per chunk; every step if None.
         open_loop: predict whole episodes from their starts, see `Windows`.
         share_at_t0: share of the rows of a flow that are trained at t = 0, see `FlowMatching`.
         ot_batch_size: rows of minibatch OT and COT.
@@ -55,8 +55,8 @@ class Options:
             is asked (`with_choice`), else "balanced".
         clusters: of stratified OT; None where the frontier is to choose.
         reflow_pairs: rows that the teacher pairs for reflow.
-        reflow_nfe: evaluations with which it does.
-        camera: how a policy sees; None: it is given the state.
+        reflow_nfe: evaluations of the teacher per pair.
+        camera: makes the images that the policy observes; None: the policy observes the state.
         prediction: what the network predicts, "noise", "data" or "velocity"; "": the first of the
             method's `predictions`.
     """

@@ -122,6 +122,10 @@ class Task:
         action_units: unit of each column of an action; actions are multiples of it.
         packages: packages whose versions a recording stores.
         thresholds: outcome -> (other outcome, value above which the outcome is 1, else 0).
+        capped: outcome -> (other outcome, value at which the outcome reaches 1); below, their
+            ratio.
+        early_steps: control steps after which rollouts note the score as well, as
+            `<score>_<steps>`; None: they do not.
     """
 
     title: str
@@ -144,6 +148,8 @@ class Task:
     packages: tuple[str, ...]
     environment_options: Mapping[str, Any] = field(default_factory=dict)
     thresholds: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    capped: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    early_steps: int | None = None
 
     @property
     def name(self) -> str:

@@ -63,7 +63,7 @@ WITHOUT = {
     "robots.episodes.Episodes.select": "numpy's own indexing",
     "robots.episodes.lerobot.*": "parts of the reader, which has checked the columns",
     "robots.episodes.npz.write_arrays": "stores any arrays; tests/test_damage.py",
-    "policies.rollout.with_thresholds": "called with outcomes of the worlds",
+    "policies.rollout.with_derived": "called with outcomes of the worlds",
     "policies.pixels.*": "networks and their loss: not doors; `fit` and `act` have checked c",
     "plots.*": "draws what it is given, and is no door; tests/plots",
     "storage.save_tensors": "stores any tensors; tests/test_storage.py",

@@ -10,6 +10,7 @@ from cotlearn import mixtures
 from cotlearn.couplings import FixedPairs, Reflow
 from cotlearn.datasets import Dataset
 from cotlearn.flows import VelocityMLP, conditional_flow_matching_loss, integrate
+from cotlearn.mixtures import petals
 
 
 def seeded(seed=0):
@@ -105,3 +106,8 @@ def test_fixed_pairs_keep_their_partners():
     assert torch.equal(pairs.c, c[pairs.source_index])
     with pytest.raises(ValueError, match="x0 has 40 rows"):
         next(FixedPairs(x0).stream(Dataset(x1[:30], c[:30]), batch_size=16))
+    plain = next(FixedPairs(x0).stream(Dataset(x1), batch_size=16))
+    assert plain.c is None
+    assert torch.equal(plain.x0, x0[plain.source_index])
+    with pytest.raises(TypeError, match="needs finite data"):
+        next(FixedPairs(x0).stream(petals(), batch_size=16))

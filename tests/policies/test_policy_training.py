@@ -115,7 +115,7 @@ def test_more_training_is_better(episodes):
         ),
         (
             lambda e: train("stratified", e, options=replace(SMALL, clusters=None)),
-            "clusters must be a number, got None",
+            "clusters must be an integer, got None",
         ),
         (
             lambda e: train("stratified", e, options=Options(steps=2, clusters=10**6)),

@@ -138,6 +138,16 @@ def test_bad_options(option):
         rollout(Wander(), **{option: 0}, progress=False)
 
 
+def test_the_scores_of_the_literature():
+    long = rollout(Wander(), episodes=6, max_steps=240, progress=False)
+    short = rollout(Wander(), episodes=6, max_steps=200, progress=False)
+    assert np.array_equal(long["coverage_200"], short["coverage"])
+    assert np.array_equal(short["coverage_200"], short["coverage"])
+    assert (long["coverage"] > long["coverage_200"]).any()
+    assert np.allclose(long["reward"], (long["coverage"] / 0.95).clip(max=1))
+    assert np.array_equal(long["success_95_200"], long["coverage_200"] > 0.95)
+
+
 @pytest.mark.parametrize("name", TASKS)
 def test_no_start_serves_twice(name):
     """Starts to explore with, to count modes from, to report and to learn from are different."""

@@ -23,7 +23,7 @@ from cotlearn.robots.experts.modes import demonstrated_modes
 from cotlearn.validation import check_count
 
 DEMONSTRATED = "demonstrations.json"  #: in the folder of the cells
-COOLED = " at its temperature"  #: after the name of a sampler
+COOLED = " at its temperature"  #: suffix of a sampler's name at its chosen temperature
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class _Bench:
         return trained.policy
 
     def stored(self, name: str) -> ChunkPolicy | None:
-        """A policy of this very protocol that was trained before."""
+        """A policy of the same protocol that was trained before."""
         path = self.weights / f"{name}.safetensors"
         if not path.is_file():
             return None

@@ -1,4 +1,4 @@
-"""What a trained policy is worth: rollouts, energy score, modes, latency."""
+"""Evaluation of a trained policy: rollouts, energy score, modes, latency."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,7 +22,8 @@ TRIALS = 100  #: rollouts that choose a temperature
 def evaluate(policy: ChunkPolicy, held: Dataset, *, starts: Sequence[int]) -> dict[str, Any]:
     """Rollouts, energy score, modes and latency of a policy with its sampler, JSON-compatible."""
     done = rollout(policy, seeds=starts)
-    kept = [name for name in done.outcomes if name not in ("mode", *done.task.thresholds)]
+    derived = {"mode", *done.task.thresholds, *done.task.capped}
+    kept = [name for name in done.outcomes if name not in derived]
     return {
         "nfe": policy.sampler.nfe,
         "summary": done.summary(),
@@ -39,9 +40,9 @@ def evaluate(policy: ChunkPolicy, held: Dataset, *, starts: Sequence[int]) -> di
 def choose_temperature(
     policy: ChunkPolicy, temperatures: Sequence[float]
 ) -> tuple[float, dict[str, float]]:
-    """The temperature, of these and 1, with most successes on exploration starts.
+    """The temperature, among `temperatures` and 1, with most successes on exploration starts.
 
-    Success is the strictest outcome of the task; among equals the task's score decides.
+    Success is the strictest outcome of the task; ties are broken by the task's score.
 
     Returns:
         The temperature, and the success rate of each.

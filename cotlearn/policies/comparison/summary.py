@@ -8,7 +8,7 @@ import numpy as np
 from cotlearn.metrics import paired_bootstrap, wilson_interval
 from cotlearn.policies.comparison.cells import DEMONSTRATED, read_record
 from cotlearn.policies.methods import METHODS
-from cotlearn.policies.rollout import with_thresholds
+from cotlearn.policies.rollout import with_derived
 from cotlearn.results import read_json, write_json
 from cotlearn.robots.registry import find_task
 
@@ -41,7 +41,7 @@ def summarise(folder: Path, path: Path, *, command: str) -> dict[str, Any]:
             raise ValueError(f"{file} was made with another protocol than {next(iter(files))}")
         for found in cell["samplers"].values():
             arrays = {name: np.array(values) for name, values in found["outcomes"].items()}
-            found["outcomes"] = with_thresholds(find_task(task), arrays)
+            found["outcomes"] = with_derived(find_task(task), arrays)
     cells: dict[str, Cells] = {}
     for method in METHODS:
         if mine := [cell for cell in files.values() if cell["method"] == method]:
