@@ -86,7 +86,9 @@ class Clusters(WithOptions):
         """
         c = check_condition(c)
         if self.clusters > len(c):
-            raise ValueError(f"clusters must be at most the {len(c)} rows, got {self.clusters}")
+            raise ValueError(
+                f"clusters must be at most the {len(c)} rows of c, got {self.clusters}"
+            )
         self._fitted = self._fit(c)
         centroids = _k_means(to_numpy(self.project(c)), self.clusters, self.seed)
         self._fitted = {**self._fitted, "centroids": torch.from_numpy(centroids).to(c)}

@@ -66,6 +66,7 @@ WITHOUT = {
     "policies.rollout.with_derived": "called with outcomes of the worlds",
     "policies.pixels.*": "networks and their loss: not doors; `fit` and `act` have checked c",
     "plots.*": "draws what it is given, and is no door; tests/plots",
+    "storage.digest": "takes any tensors; tests/flows/test_fit.py, by `fingerprint`",
     "storage.save_tensors": "stores any tensors; tests/test_storage.py",
 } | dict.fromkeys(
     (

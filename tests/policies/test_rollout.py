@@ -73,7 +73,9 @@ def test_success_ends_an_episode_and_nobody_asks_for_it_again():
     assert done.jerk.tolist() == [0, 0]
     assert done.summary()["success_95"] == 0.5
     assert "mode" not in done.summary()
-    with pytest.raises(KeyError, match="outcome must be one of coverage, last, mode, success_90"):
+    with pytest.raises(
+        KeyError, match="outcome must be one of coverage, last, mode, coverage_200, succ"
+    ):
         done["speed"]
 
 
@@ -139,13 +141,25 @@ def test_bad_options(option):
 
 
 def test_the_scores_of_the_literature():
-    long = rollout(Wander(), episodes=6, max_steps=240, progress=False)
-    short = rollout(Wander(), episodes=6, max_steps=200, progress=False)
-    assert np.array_equal(long["coverage_200"], short["coverage"])
-    assert np.array_equal(short["coverage_200"], short["coverage"])
-    assert (long["coverage"] > long["coverage_200"]).any()
-    assert np.allclose(long["reward"], (long["coverage"] / 0.95).clip(max=1))
-    assert np.array_equal(long["success_95_200"], long["coverage_200"] > 0.95)
+    def push(task, max_steps):
+        policy = Wander()
+        policy.act = (
+            lambda history, noise: (  # to the T
+                history[:, -1:, 2:4].repeat(4, axis=1).clip(0, 512)
+            )
+        )
+        policy.windows.task = replace(PUSH_T, **task)
+        return rollout(policy, episodes=20, max_steps=max_steps, progress=False)
+
+    ratios = {"reward": ("coverage", 0.95), "reward_20": ("coverage_20", 0.3)}
+    long = push({"early_steps": 20, "capped": ratios}, 60)
+    short = push({}, 20)
+    assert np.array_equal(long["coverage_20"], short["coverage"])
+    assert np.array_equal(short["coverage_200"], short["coverage"])  # the episode ended before
+    assert (long["coverage"] > long["coverage_20"]).any()
+    assert np.allclose(long["reward"], long["coverage"] / 0.95)
+    assert (long["reward_20"] == 1).any()
+    assert np.allclose(long["reward_20"], (long["coverage_20"] / 0.3).clip(max=1))
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -273,16 +273,19 @@ def test_resumes_bit_for_bit(loss, tmp_path):
     class Stopped(Exception):
         pass
 
-    def stops(network, pairs, generator, calls=[0]):  # noqa: B006
-        calls[0] += 1
-        if calls[0] == 8:
-            raise Stopped
-        return loss(network, pairs, generator)
+    class Stops:
+        def __init__(self):
+            self.calls, self.__qualname__ = 0, loss.__qualname__  # a checkpoint asks for the name
 
-    stops.__qualname__ = loss.__qualname__
+        def __call__(self, network, pairs, generator):
+            self.calls += 1
+            if self.calls == 8:
+                raise Stopped
+            return loss(network, pairs, generator)
+
     part = {"steps": 12, "checkpoint": path, "checkpoint_every": 6}
     with pytest.raises(Stopped):
-        fit(net, data, **{**options, "loss": stops}, **part)
+        fit(net, data, **{**options, "loss": Stops()}, **part)
     resumed = fit(net, data, **options, **part).network
     for (name, a), b in zip(whole.state_dict().items(), resumed.state_dict().values(), strict=True):
         assert torch.equal(a, b), name
