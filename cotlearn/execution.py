@@ -69,6 +69,7 @@ def execute(path: Path, *, timeout: int = 300) -> Run:
         timeout=timeout,
         record_timing=False,
         store_widget_state=False,
+        shutdown_kernel="immediate",
         resources={"metadata": {"path": str(path.resolve().parent)}},
         on_cell_execute=lambda cell, cell_index: begun.append(cell_index),
         on_cell_executed=lambda **done: bar.update(),

@@ -85,6 +85,10 @@ def run(
         from cotlearn import execution
 
         paths = [assets.find_notebook(name) for name in notebook or []] or assets.notebooks()
+        if not paths:
+            raise ValueError(
+                f"there are no notebooks in {assets.course_folder()}; get the course again"
+            )
         runs = []
         for path in paths:
             done = execution.execute(path, timeout=timeout)

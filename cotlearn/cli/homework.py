@@ -46,11 +46,12 @@ def check(
     with reported(RuntimeError):
         from cotlearn.homework import progress
         from cotlearn.homework.marking import mark
+        from cotlearn.homework.registry import printable
 
         limits = _limits(seconds, gigabytes)
         for name in notebook:
             path = Path(name) if Path(name).exists() else assets.find_notebook(name)
-            console.print(f"[bold]{escape(path.name)}[/]")
+            console.print(f"[bold]{escape(printable(path.name))}[/]")
             marked = mark(path, limits=limits, each=_print)
             if marked.note:
                 console.print(f"note: {escape(marked.note)}")
@@ -75,6 +76,10 @@ def show_progress() -> None:
 
         names = [path.name[:2] for path in assets.notebooks()] + [path.stem for path in masters()]
         found = [find(name) for name in names]
+        if not found:
+            raise ValueError(
+                f"there are no notebooks in {assets.course_folder()}; get the course again"
+            )
     known = {name: item["verdict"] for name, item in progress.read().items()}
     table, left = Table(box=None, show_header=False, pad_edge=False), []
     for assignment in found:
@@ -115,7 +120,7 @@ def grade(
         )
     unread = [row for row in rows if not row.marked.marks]
     console.print(
-        f"{len(rows)} notebooks, {sum(row.kept for row in rows)} of them known from before, "
+        f"{len(rows)} files, {sum(row.kept for row in rows)} of them known from before, "
         f"{len(unread)} could not be graded"
     )
     console.print(f"table: {escape(str(out))}; feedback: {escape(str(out.with_suffix('')))}")

@@ -7,27 +7,30 @@ notebook is graded with the same tests. So a run can be killed at any time and r
 import contextlib
 import csv
 import hashlib
+import hmac
 import io
 import json
 import os
+import secrets
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 
 import cotlearn
-from cotlearn.files import write_text
-from cotlearn.homework import assignments
+from cotlearn.files import atomic_path, write_text
+from cotlearn.homework import assignments, isolation, submissions
 from cotlearn.homework.isolation import Limits
 from cotlearn.homework.marking import Mark, Marked, mark
+from cotlearn.homework.registry import printable
 
 
 @dataclass(frozen=True)
 class Row:
-    """One notebook of the folder.
+    """One file of the folder.
 
     Attributes:
-        file: relative to the folder.
+        file: relative to the folder, as a text that can be printed.
         marked: what was found.
         kept: whether it was known from an earlier run.
     """
@@ -46,7 +49,7 @@ def grade(
     limits: Limits,
     each: Callable[[Row, int, int], None] | None = None,
 ) -> list[Row]:
-    """Grades all notebooks in a folder and its subfolders.
+    """Grades all notebooks in a folder and its subfolders; every file has a row.
 
     Args:
         folder: With the notebooks; they are read, not changed.
@@ -61,7 +64,8 @@ def grade(
         The rows, in the order of the files' names.
 
     Raises:
-        ValueError: There is no such folder, or no notebook in it, or `out` is a folder.
+        ValueError: There is no such folder, or no notebook in it, `out` is a folder, or the masters
+            are none.
         KeyboardInterrupt: Ctrl-C; what is done is kept.
     """
     if not folder.is_dir():
@@ -69,56 +73,163 @@ def grade(
     if out.is_dir() or not out.suffix:
         raise ValueError(f"out must be a file such as grades.csv, got {out}")
     feedback = out.with_suffix("")
-    paths = [
-        path
-        for path in sorted(folder.rglob("*.ipynb"))
-        if ".ipynb_checkpoints" not in path.parts and not path.is_relative_to(feedback)
-    ]
-    if not paths:
+    files = _handed_in(folder, {out.absolute(), feedback.absolute()})
+    if not files:
         raise ValueError(f"there is no notebook (*.ipynb) in {folder}")
-    tests = (hashlib.sha256(path.read_bytes()).hexdigest() for path in assignments.masters(masters))
+    tests = (hashlib.sha256(path.read_bytes()).hexdigest() for path in _masters(masters))
     salt = json.dumps([cotlearn.__version__, *map(float, astuple(limits)), *tests])
+    known = _Known(feedback / ".known", salt)
+    texts = _texts([file.relative_to(folder) for file in files])
 
-    def one(path: Path) -> Row:
+    def one(path: Path, *, alone: bool = False) -> Row:
         file = path.relative_to(folder)
-        stored = feedback / file.with_name(f"{file.name}.json")
-        marked, kept = _marked(path, stored, salt, masters, limits)
-        text = feedback_text(file.name, marked)
-        write_text(stored.with_name(f"{file.stem}.md"), text)
-        return Row(file.as_posix(), marked, kept)
+        marked, kept = _marked(path, file, known, masters, limits, alone=alone)
+        name = printable(file.as_posix())
+        write_text(feedback / texts[file], feedback_text(printable(file.name), marked))
+        return Row(name, marked, kept)
 
     rows: list[Row] = []
+
+    def add(row: Row) -> None:
+        rows.append(row)
+        if each is not None:
+            each(row, len(rows), len(files))
+
+    isolation.start_server()
+    disturbed: list[Path] = []
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        futures = {pool.submit(one, path): path for path in files}
         try:
-            for future in as_completed([pool.submit(one, path) for path in paths]):
-                rows.append(future.result())
-                if each is not None:
-                    each(rows[-1], len(rows), len(paths))
-        except BaseException:  # Ctrl-C too: those that run are finished, and no others begin
-            pool.shutdown(wait=False, cancel_futures=True)
+            for future in as_completed(futures):
+                if isinstance(future.exception(), isolation.Disturbed):
+                    disturbed.append(futures[future])
+                else:
+                    add(future.result())
+        except BaseException:  # Ctrl-C too: no others begin, and those that run end
+            isolation.stopping.set()
+            pool.shutdown(cancel_futures=True)
+            isolation.stopping.clear()
             raise
+    for path in disturbed:
+        add(one(path, alone=True))
     rows.sort(key=lambda row: row.file)
     write_text(out, table(rows), encoding="utf-8-sig")  # so that Excel reads the accents
     return rows
 
 
-def _marked(
-    path: Path, stored: Path, salt: str, masters: Path | None, limits: Limits
-) -> tuple[Marked, bool]:
-    """What was found about a notebook, and whether it was known from an earlier run."""
-    try:
-        key = hashlib.sha256(salt.encode() + path.read_bytes()).hexdigest()
+def _masters(folder: Path | None) -> list[Path]:
+    """The masters, if they can be used: a wrong folder is no student's fault."""
+    paths = assignments.masters(folder)
+    if not paths:
+        raise ValueError(f"there is no master notebook (hw1.ipynb, ...) in {folder}")
+    for path in paths:
+        asked = assignments.read(path, path.stem).questions
+        if not any(question.tests for question in asked):
+            raise ValueError(f"{path} has no hidden tests: masters must be a folder of masters")
+    return paths
+
+
+def _handed_in(folder: Path, own: set[Path]) -> list[Path]:
+    """All files of a folder and its subfolders but hidden ones and this program's own.
+
+    A folder is among them if it has the name of a notebook, or cannot be opened.
+    """
+    found: set[Path] = set()
+    walk = os.walk(folder, onerror=lambda error: found.add(Path(error.filename)))
+    for name, folders, files in walk:
+        place = Path(name)
+        kept = {item for item in folders if not item.startswith((".", "__MACOSX"))}
+        folders[:] = [item for item in kept if (place / item).absolute() not in own]
+        strange = (item for item in folders if item.lower().endswith(".ipynb"))
+        links = (item for item in folders if (place / item).is_symlink())
+        seen = (item for item in files if not item.startswith("."))
+        found.update(place / item for item in (*strange, *links, *seen))
+    return sorted(path for path in found if path.absolute() not in own)
+
+
+def _texts(files: list[Path]) -> dict[Path, Path]:
+    """Where the feedback for each file goes: beside its name, if a file can have that name."""
+    texts: dict[Path, Path] = {}
+    folders = {parent for file in files for parent in file.parents}
+    for file in files:
+        stem = file.stem if file.suffix == ".ipynb" else file.name
+        text = file.with_name(f"{stem}.md")
+        usable = len(os.fsencode(text.name)) < 200 and printable(str(text), 1000) == str(text)
+        if text in folders or not usable or text in texts.values():
+            digest = hashlib.sha256(os.fsencode(file)).hexdigest()[:16]
+            text = Path(f"{printable(stem, 40)}.{digest}.md")
+        texts[file] = text
+    return texts
+
+
+class _Known:
+    """What earlier runs found, signed, so that an answer cannot write it.
+
+    The key is the environment variable `COTLEARN_GRADING_KEY`, which answers do not get, or else in
+    a file of this account, which code that means harm can find.
+
+    Args:
+        folder: A file for each notebook goes there.
+        salt: What the results depend on, besides the notebook.
+    """
+
+    def __init__(self, folder: Path, salt: str) -> None:
+        self.folder, self.salt = folder, salt
+        secret = os.environ.get("COTLEARN_GRADING_KEY")
+        file = Path.home() / ".cotlearn" / "grading.key"
+        if secret is None and not file.is_file():
+            with atomic_path(file) as temporary:
+                temporary.touch(mode=0o600)
+                temporary.chmod(0o600)
+                temporary.write_text(secrets.token_hex(32), encoding="ascii")
+        self._key = (secret or file.read_text(encoding="ascii")).encode()
+
+    def read(self, file: Path, content: bytes) -> Marked | None:
+        """Returns what is known of a notebook with this content."""
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # missing or torn
-            record = json.loads(stored.read_text(encoding="utf-8"))
-            if record["key"] == key:
+            record = json.loads(self._path(file).read_text(encoding="utf-8"))
+            signature = self._sign(file, content, record["marked"])
+            if hmac.compare_digest(record["signature"], signature):
                 known = record["marked"]
-                return Marked(**{**known, "marks": [Mark(**item) for item in known["marks"]]}), True
-        marked = mark(path, hidden=True, masters=masters, limits=limits)
+                return Marked(**{**known, "marks": [Mark(**item) for item in known["marks"]]})
+        return None
+
+    def write(self, file: Path, content: bytes, marked: Marked) -> None:
+        """Stores what was found."""
+        found = asdict(marked)
+        record = {"signature": self._sign(file, content, found), "marked": found}
+        write_text(self._path(file), json.dumps(record, indent=1) + "\n")
+
+    def _path(self, file: Path) -> Path:
+        return self.folder / f"{hashlib.sha256(os.fsencode(file)).hexdigest()[:32]}.json"
+
+    def _sign(self, file: Path, content: bytes, found: object) -> str:
+        digest = hashlib.sha256(content).hexdigest()
+        text = json.dumps([self.salt, os.fsencode(file).hex(), digest, found], sort_keys=True)
+        return hmac.new(self._key, text.encode(), "sha256").hexdigest()
+
+
+def _marked(
+    path: Path, file: Path, known: _Known, masters: Path | None, limits: Limits, *, alone: bool
+) -> tuple[Marked, bool]:
+    """What was found about a file, and whether it was known from an earlier run."""
+    try:
+        submissions.examine(path)
+        content = path.read_bytes()
+        if (found := known.read(file, content)) is not None:
+            return found, True
+    except (ValueError, OSError) as error:
+        return Marked(note=printable(str(error))), False
+    try:
+        marked = mark(path, hidden=True, masters=masters, limits=limits, alone=alone)
+    except isolation.Disturbed:
+        raise
     except ValueError as error:
-        marked = Marked(note=str(error))
+        marked = Marked(note=printable(str(error)))
     except Exception as error:  # not the student's: said, and tried again the next time
-        return Marked(note=f"{type(error).__name__}: {error}"), False
-    write_text(stored, json.dumps({"key": key, "marked": asdict(marked)}, indent=1) + "\n")
+        return Marked(note=printable(f"{type(error).__name__}: {error}")), False
+    if all(item.sure for item in marked.marks):
+        known.write(file, content, marked)
     return marked, False
 
 

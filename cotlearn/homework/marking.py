@@ -8,7 +8,7 @@ import cotlearn
 from cotlearn.homework import isolation, submissions
 from cotlearn.homework.assignments import Question, find
 from cotlearn.homework.isolation import Job, Limits
-from cotlearn.homework.registry import Verdict
+from cotlearn.homework.registry import Verdict, printable
 from cotlearn.homework.submissions import Submission
 
 
@@ -23,6 +23,7 @@ class Mark:
         points: points earned in the hidden tests.
         out_of: largest possible number of points.
         hints: hints of the hidden tests that failed.
+        sure: False if the process was killed from outside, so that another try may find more.
     """
 
     question: str
@@ -31,6 +32,7 @@ class Mark:
     points: float
     out_of: float
     hints: list[str] = field(default_factory=list)
+    sure: bool = True
 
     @property
     def correct(self) -> bool:
@@ -71,18 +73,22 @@ def mark(
     hidden: bool = False,
     masters: Path | None = None,
     limits: Limits | None = None,
+    alone: bool = True,
     each: Callable[[Mark], None] | None = None,
 ) -> Marked:
     """Marks a notebook.
 
     Args:
-        path: The learner's notebook; it is read, not changed and not run as a whole.
+        path: The learner's notebook; it is read, not changed.
         hidden: Run the hidden tests, too, for points.
         masters: The folder of the master notebooks; those of the course if None.
         limits: On each question.
+        alone: Nothing else is marked at the same time: an answer that is killed from outside is
+            tried once more.
         each: Called with every mark as it is found.
 
     Raises:
+        Disturbed: An answer was killed from outside, and `alone` is False.
         ValueError: The file is no notebook, or belongs to no assignment.
     """
     submission = submissions.read(path)
@@ -95,31 +101,55 @@ def mark(
     marks = []
     for question in assignment.questions:
         asked = question if hidden else replace(question, tests=())
-        marks.append(_mark(submission, asked, assignment.setup, limits or Limits()))
+        marks.append(_mark(submission, asked, assignment.setup, limits or Limits(), alone=alone))
         if each is not None:
             each(marks[-1])
     return Marked(assignment.name, assignment.title, marks, _note(submission))
 
 
-def _mark(submission: Submission, question: Question, setup: str, limits: Limits) -> Mark:
+def _mark(
+    submission: Submission, question: Question, setup: str, limits: Limits, *, alone: bool
+) -> Mark:
+    """Marks an answer with what it needs, and, if that fails, after all cells above its check."""
     out_of = sum(test.points for test in question.tests)
     names = submissions.names_in(question.answer)
     found = {name: submission.defining(name) for name in sorted(names)}
-    for name, cell in found.items():
-        if cell is None:
-            sentence = _missing(submission, question, name)
-            return Mark(question.name, Verdict.NOT_YET, sentence, 0, out_of)
-    own = next(cell.number for cell in found.values() if cell is not None)
-    job = Job(question, setup, submission.needed(names), own)
-    findings, problem = isolation.run(job, limits)
+    own = max((cell.number for cell in found.values() if cell is not None), default=0)
+    missing = [name for name, cell in found.items() if cell is None]
+    if missing:
+        sentence = printable(_missing(submission, question, missing[0]))
+        mark = Mark(question.name, Verdict.NOT_YET, sentence, 0, out_of)
+    else:
+        mark = _tried(Job(question, setup, submission.needed(names), own), limits, alone=alone)
+    if mark.correct or mark.verdict == Verdict.NOT_ATTEMPTED:
+        return mark
+    cells = submission.until(question.name, names)
+    whole = _tried(Job(question, setup, cells, own, as_notebook=True), limits, alone=alone)
+    return max(mark, whole, key=lambda item: (item.points, item.correct))  # the first of equals
+
+
+def _tried(job: Job, limits: Limits, *, alone: bool) -> Mark:
+    """Does a job, and once more if it is disturbed and nothing else runs."""
+    question = job.question
+    sure = True
+    try:
+        findings, problem = isolation.run(job, limits)
+    except isolation.Disturbed:
+        if not alone:
+            raise
+        try:
+            findings, problem = isolation.run(job, limits)
+        except isolation.Disturbed as reason:
+            findings, problem, sure = [], str(reason), False
     verdict, sentence = findings[0] if findings else (str(Verdict.NOT_YET), problem or "")
     complaints = findings[1:]
     tried = zip(question.tests, complaints, strict=False)  # fewer if the process ended early
     points = sum(test.points for test, complaint in tried if not complaint)
     if problem is not None and len(complaints) < len(question.tests):
         complaints.append(problem)
-    hints = list(dict.fromkeys(filter(None, complaints)))
-    return Mark(question.name, verdict, sentence, points, out_of, hints)
+    hints = [printable(hint) for hint in dict.fromkeys(filter(None, complaints))]
+    out_of = sum(test.points for test in question.tests)
+    return Mark(question.name, verdict, printable(sentence), points, out_of, hints, sure)
 
 
 def _missing(submission: Submission, question: Question, name: str) -> str:
@@ -144,4 +174,4 @@ def _note(submission: Submission) -> str:
     """A word where the notebook was made for another minor version of cotlearn."""
     made, here = submission.version, cotlearn.__version__
     same = not made or made.split(".")[:2] == here.split(".")[:2]
-    return "" if same else f"made with cotlearn {made}, marked with {here}"
+    return "" if same else f"made with cotlearn {printable(made, 40)}, marked with {here}"

@@ -8,6 +8,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMB
 os.environ["MPLBACKEND"] = "agg"
 os.environ["COTLEARN_PROGRESS"] = "0"
 
+import IPython.core.interactiveshell  # noqa: E402, F401
 import ot  # noqa: E402, F401
 import sklearn.cluster  # noqa: E402, F401
 import torch  # noqa: E402

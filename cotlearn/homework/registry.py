@@ -241,6 +241,15 @@ def said(error: BaseException) -> str:
     return f"raised {type(error).__name__}: {text[:300]}"
 
 
+def printable(text: str, most: int = 500) -> str:
+    r"""Returns a text of which a terminal and a file can show every character, shortened to `most`.
+
+    Control characters, escape sequences and lone surrogates are written as Python would, `\x1b`.
+    """
+    shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[:most])
+    return "".join(shown) + ("…" if len(text) > most else "")
+
+
 @contextmanager
 def _time_limit(seconds: float) -> Iterator[None]:
     """Raises `Stopped` after `seconds`, where the system can (main thread, not Windows)."""

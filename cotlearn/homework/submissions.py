@@ -5,7 +5,9 @@ fails or never ends does no harm unless an answer needs it.
 """
 
 import builtins
+import os
 import re
+import stat
 import symtable
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +16,24 @@ from typing import Any
 
 _NAME = re.compile(r"\b(\d\d|hw\d)\.[a-z]")
 _FILE = re.compile(r"(?<![A-Za-z0-9])(hw\d|\d\d(?=_))")
+MOST_BYTES = 20_000_000  #: of a notebook; figures in the course's take less than 1
+#: What a student may hand in instead of a notebook, by the end of its name.
+_OTHERS = {
+    ".py": "a Python file; hand in the notebook (.ipynb)",
+    ".zip": "an archive; unpack it, and grade what is inside",
+    ".html": "a web page; hand in the notebook (.ipynb)",
+    ".pdf": "a document to read; hand in the notebook (.ipynb)",
+    ".ipynb.txt": "a notebook with .txt at the end of its name; take that away",
+    ".ipynb.json": "a notebook with .json at the end of its name; take that away",
+}
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFLNK: "a link; hand in the file itself",
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
 #: Cell magics that run their cell as Python.
 _TRANSPARENT = ("%%time", "%%timeit", "%%capture", "%%prun")
 
@@ -25,6 +45,7 @@ class Cell:
     Attributes:
         number: among all cells, counted from 1 as a reader would.
         source: without the lines that only IPython understands.
+        written: with them.
         question: the question that the cell was made to answer, if it still says so.
         error: where its syntax is wrong, in words.
         binds: names that it defines when it is run.
@@ -37,6 +58,7 @@ class Cell:
     error: str | None = None
     binds: frozenset[str] = frozenset()
     uses: frozenset[str] = frozenset()
+    written: str = ""
 
 
 @dataclass(frozen=True)
@@ -70,6 +92,40 @@ class Submission:
                 wanted += [(use, cell.number) for use in sorted(cell.uses)]
         return [chosen[number] for number in sorted(chosen)]
 
+    def until(self, question: str, names: set[str]) -> list[Cell]:
+        """Returns all cells down to the check of a question and the last definition of names."""
+        check = re.compile(rf"check\(.*{re.escape(question)}\b")
+        ends = [c.number for c in self.cells if check.search(c.source) or c.binds & names]
+        return [cell for cell in self.cells if not ends or cell.number <= max(ends)]
+
+
+def examine(path: Path) -> None:
+    """Looks at the kind and the size of a file without opening it.
+
+    Args:
+        path: Of a file that was handed in; a link counts as such.
+
+    Raises:
+        ValueError: It cannot be a notebook; the message is for the learner.
+    """
+    try:
+        found = path.lstat()
+    except FileNotFoundError:
+        raise ValueError(f"there is no notebook at {path}") from None
+    except OSError as error:
+        raise ValueError(f"{path.name} cannot be read: {error.strerror}") from None
+    kind = _KINDS.get(stat.S_IFMT(found.st_mode))
+    if kind is None and not path.name.lower().endswith(".ipynb"):
+        ends = (what for end, what in _OTHERS.items() if path.name.lower().endswith(end))
+        kind = next(ends, "another kind of file; hand in the notebook (.ipynb)")
+    if kind is not None:
+        raise ValueError(f"{path.name} is not a readable notebook: it is {kind}")
+    if found.st_size > MOST_BYTES:
+        size = f"{found.st_size / 1e6:,.0f} MB, and {MOST_BYTES / 1e6:.0f} are the most"
+        raise ValueError(f"{path.name} is too large: {size}; clear its outputs and save it again")
+    if not os.access(path, os.R_OK):
+        raise ValueError(f"{path.name} cannot be read: permission denied")
+
 
 def read(path: Path) -> Submission:
     """Reads a notebook.
@@ -83,7 +139,14 @@ def read(path: Path) -> Submission:
     """
     from cotlearn.execution import read as read_notebook  # needs Jupyter's packages
 
-    notebook = read_notebook(path)
+    examine(path)
+    try:
+        return _taken_apart(path, read_notebook(path))
+    except (AttributeError, KeyError, TypeError) as error:  # of fields that are not what they were
+        raise ValueError(f"{path.name} is not a readable notebook: {error}") from None
+
+
+def _taken_apart(path: Path, notebook: Any) -> Submission:
     kernel, info = (notebook.metadata.get(key, {}) for key in ("kernelspec", "language_info"))
     language = str(kernel.get("language") or info.get("name") or "python").lower()
     if language != "python":
@@ -99,14 +162,16 @@ def read(path: Path) -> Submission:
 
 def parse_cell(number: int, cell: Any) -> Cell:
     """Finds what a code cell defines and what it uses."""
-    source = python_only(str(cell.source))
+    written = str(cell.source)
+    source = python_only(written)
     question = cell.metadata.get("cotlearn", {}).get("question")
     try:
-        return Cell(number, source, question, None, *_names(source))
-    except (SyntaxError, ValueError, RecursionError) as error:
+        return Cell(number, source, question, None, *_names(source), written)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
         words = str(getattr(error, "msg", None) or error)
-        return Cell(number, source, question, f"line {line}: {words}" if line else words)
+        words = f"line {line}: {words}" if line else words
+        return Cell(number, source, question, words, written=written)
 
 
 def python_only(source: str) -> str:

@@ -56,5 +56,5 @@ def test_grade(tmp_path):
     (work / "bad.ipynb").write_text("{")
     code, text = run("grade", work, "--out", tmp_path / "grades.csv")
     assert code == 0
-    assert "1 notebooks, 0 of them known from before, 1 could not be graded" in text
+    assert "1 files, 0 of them known from before, 1 could not be graded" in text
     assert (tmp_path / "grades.csv").exists()

@@ -1,12 +1,12 @@
 """Grading folders: resumable, and one bad file loses nothing."""
 
 import csv
-import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import handed_in
 import pytest
@@ -18,6 +18,11 @@ from cotlearn.homework.isolation import Limits
 LIMITS = Limits(seconds=1, gigabytes=1)
 EACH = ["4", "4", "0", "4"]  #: points of `handed_in.answers`
 POINTS = ["12", "17", "71"]
+
+
+@pytest.fixture(autouse=True)
+def _key(monkeypatch):
+    monkeypatch.setenv("COTLEARN_GRADING_KEY", "of these tests")
 
 
 def grade(folder, out, **options):
@@ -57,6 +62,7 @@ def test_a_folder(folder, tmp_path):
         "damaged.ipynb",
         "empty.ipynb",
         "no.ipynb",
+        "report.pdf",
     ]
     best = found["Zoë Müller/hw1.ipynb"]
     assert [best[k] for k in ("assignment", "points", "out_of", "percent")] == ["hw1", *POINTS]
@@ -77,15 +83,17 @@ def test_a_folder(folder, tmp_path):
 
     # a student hands in again: that one is graded anew
     handed_in.write(folder / "Ann" / "hw1.ipynb", handed_in.homework(handed_in.answers()))
-    (tmp_path / "grades" / "Zoë Müller" / "hw1.ipynb.json").write_text("{")  # and a torn file
+    zoe = grading._Known(tmp_path / "grades" / ".known", "")._path(Path("Zoë Müller/hw1.ipynb"))
+    zoe.write_text("{")  # and a torn file
     seen = []
     rows = grade(folder, out, each=lambda row, done, total: seen.append((done, total)))
     assert {row.file for row in rows if not row.kept} == {
         "Ann/hw1.ipynb",
         "Zoë Müller/hw1.ipynb",
         "no.ipynb",
+        "report.pdf",
     }
-    assert seen[-1] == (6, 6)
+    assert seen[-1] == (7, 7)
 
 
 def test_an_empty_folder(tmp_path):
@@ -109,16 +117,17 @@ def test_a_run_that_is_killed_goes_on(tmp_path):
     command += ["--workers", "1", "--seconds", "1", "--gigabytes", "1"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
     deadline = time.monotonic() + 600  # on a very busy machine
-    while not (tmp_path / "grades" / "b.ipynb.json").exists():
+    known = tmp_path / "grades" / ".known"
+    while len(list(known.glob("*.json"))) < 2:
         assert time.monotonic() < deadline, "nothing was graded"
         time.sleep(0.05)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     assert not out.exists()
-    kept = json.loads((tmp_path / "grades" / "a.ipynb.json").read_text())
+    kept = {path: path.read_text() for path in known.glob("*.json")}
 
     rows = grade(work, out)
     assert [row.kept for row in rows] == [True, True, False]
-    assert json.loads((tmp_path / "grades" / "a.ipynb.json").read_text()) == kept
+    assert {path: path.read_text() for path in kept} == kept
     assert [row["hw1.euler"] for row in table(out)] == [EACH[1]] * 3
     assert [row["hw1.loss"] for row in table(out)] == ["4", "4", "0"]

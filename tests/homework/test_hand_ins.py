@@ -1,0 +1,203 @@
+"""Whatever is handed in has a row, and costs nobody else's."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+
+import handed_in
+import pytest
+from handed_in import EULER
+
+from cotlearn.homework import grading, isolation
+from cotlearn.homework.isolation import Limits
+from cotlearn.homework.registry import printable
+
+LIMITS = Limits(seconds=2, gigabytes=1)
+POINTS = [0, 4, 0, 0]  #: of `only`
+
+
+@pytest.fixture(autouse=True)
+def _key(monkeypatch):
+    monkeypatch.setenv("COTLEARN_GRADING_KEY", "of these tests")
+
+
+def grade(folder, **options):
+    out = folder.parent / "grades.csv"
+    return {row.file: row for row in grading.grade(folder, out, limits=LIMITS, **options)}
+
+
+def only(euler):
+    """A notebook with one answer, and stubs."""
+    stub = "def {}(*a):\n    ...".format
+    sources = handed_in.answers(
+        loss=stub("flow_matching_loss"), euler=euler, squared_w2=stub("squared_w2")
+    )
+    return handed_in.homework(sources)
+
+
+def points(row):
+    return [mark.points for mark in row.marked.marks]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names and kinds that only Linux has")
+def test_every_file_has_a_row(tmp_path, monkeypatch):
+    folder = tmp_path / "in"
+    good = folder / "anna.ipynb"
+    handed_in.write(good, only(EULER))
+    handed_in.write(folder / "upper.IPYNB", only(EULER))
+    handed_in.write(folder / "anna.md" / "hw1.ipynb", only(EULER))
+    content = good.read_bytes()
+    strange = os.fsencode(folder) + b"/caf\xe9.ipynb"
+    with open(strange, "wb") as file:
+        file.write(content)
+    (folder / ("n" * 245 + ".ipynb")).write_bytes(content)
+    (folder / "red\x1b[31m.ipynb").write_text("{")
+    (folder / "zero.ipynb").symlink_to("/dev/zero")
+    (folder / "neighbour.ipynb").symlink_to(good)
+    (folder / "elsewhere").symlink_to(tmp_path)
+    os.mkfifo(folder / "pipe.ipynb")
+    with (folder / "large.ipynb").open("wb") as file:
+        file.truncate(10**10)
+    for name in ("a.py", "a.zip", "a.html", "a.ipynb.txt", "a.docx"):
+        (folder / name).touch()
+    with socket.socket(socket.AF_UNIX) as server:
+        monkeypatch.chdir(folder)
+        server.bind("socket.ipynb")
+        rows = grade(folder)
+    notes = {
+        "zero.ipynb": "it is a link",
+        "neighbour.ipynb": "it is a link",
+        "elsewhere": "it is a link",
+        "pipe.ipynb": "it is a named pipe",
+        "socket.ipynb": "it is a socket",
+        "large.ipynb": "too large: 10,000 MB",
+        "red\\x1b[31m.ipynb": "not a readable notebook",
+        "a.py": "a Python file",
+        "a.zip": "unpack it",
+        "a.html": "a web page",
+        "a.ipynb.txt": ".txt at the end",
+        "a.docx": "another kind of file",
+    }
+    right = {"anna.ipynb", "upper.IPYNB", "anna.md/hw1.ipynb", "caf\\udce9.ipynb"}
+    right.add("n" * 245 + ".ipynb")
+    assert set(rows) == right | set(notes)
+    for name in right:
+        assert points(rows[name]) == POINTS
+    for name, note in notes.items():
+        assert note in rows[name].marked.note
+    assert len(list((tmp_path / "grades").rglob("*.md"))) == len(rows) + 1  # and a folder
+    again = grade(folder)
+    assert {name for name, row in again.items() if row.kept} >= right
+
+
+@pytest.mark.parametrize(
+    "metadata", [{"kernelspec": 3}, {"cotlearn": [1]}, {"cotlearn": {"assignment": {"\ud800": 1}}}]
+)
+def test_fields_that_are_not_what_they_were(tmp_path, metadata):
+    notebook = only(EULER)
+    handed_in.write(tmp_path / "in" / "a.ipynb", notebook)
+    text = json.dumps({**notebook, "metadata": metadata})
+    (tmp_path / "in" / "b.ipynb").write_text(text)
+    rows = grade(tmp_path / "in")
+    assert points(rows["a.ipynb"]) == POINTS
+    assert rows["b.ipynb"].marked.note
+
+
+def test_texts_of_answers_can_be_printed(tmp_path):
+    answer = 'def euler(*a):\n    raise ValueError("\\ud800 \\x1b[2J" + "x" * 10**5)'
+    handed_in.write(tmp_path / "in" / "a.ipynb", only(answer))
+    sentence = grade(tmp_path / "in")["a.ipynb"].marked.marks[1].sentence
+    assert r"raised ValueError: \ud800 \x1b[2J" in sentence
+    assert len(sentence) < 600
+    assert printable("é ✓ \r\x07") == r"é ✓ \r\x07"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
+def test_a_killed_process_is_tried_again(tmp_path):
+    flag = tmp_path / "flag"
+    kill = "import os, signal\nos.kill(os.getpid(), signal.SIGKILL)"
+    once = f"import pathlib\nf = pathlib.Path({str(flag)!r})\n"
+    once += f"if not f.exists():\n    f.touch()\n    exec({kill!r})\n{EULER}"
+    handed_in.write(tmp_path / "in" / "a.ipynb", only(once))
+    handed_in.write(tmp_path / "in" / "b.ipynb", only(f"{kill}\n{EULER}"))
+    rows = grade(tmp_path / "in")
+    assert points(rows["a.ipynb"]) == POINTS
+    assert points(rows["b.ipynb"]) == [0] * 4
+    assert "killed from outside" in rows["b.ipynb"].marked.marks[1].sentence
+    assert [row.kept for row in grade(tmp_path / "in").values()] == [True, False]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGXCPU")
+def test_an_answer_that_ignores_its_time_is_not_tried_again(tmp_path):
+    endless = "import signal\nsignal.signal(signal.SIGXCPU, signal.SIG_IGN)\nwhile True: pass"
+    handed_in.write(tmp_path / "in" / "a.ipynb", only(f"{endless}\n{EULER}"))
+    mark = grade(tmp_path / "in")["a.ipynb"].marked.marks[1]
+    assert "longer than 2 seconds" in mark.sentence
+    assert mark.sure
+
+
+def test_forged_results_are_not_believed(tmp_path):
+    handed_in.write(tmp_path / "in" / "a.ipynb", only("def euler(*a):\n    return 1"))
+    assert points(grade(tmp_path / "in")["a.ipynb"]) == [0] * 4
+    (stored,) = (tmp_path / "grades" / ".known").iterdir()
+    stored.write_text(stored.read_text().replace('"points": 0', '"points": 4'))
+    row = grade(tmp_path / "in")["a.ipynb"]
+    assert (points(row), row.kept) == ([0] * 4, False)
+    assert grade(tmp_path / "in")["a.ipynb"].kept
+
+
+def test_masters_that_are_none(tmp_path):
+    handed_in.write(tmp_path / "in" / "a.ipynb", only(EULER))
+    with pytest.raises(ValueError, match="there is no master notebook"):
+        grade(tmp_path / "in", masters=tmp_path)
+    handed_in.write(tmp_path / "hw1.ipynb", only(EULER))
+    with pytest.raises(ValueError, match=r"hw1\.ipynb has no hidden tests"):
+        grade(tmp_path / "in", masters=tmp_path)
+    assert not (tmp_path / "grades.csv").exists()
+
+
+WITHOUT_ASSERTS = """
+from cotlearn.homework import isolation
+from cotlearn.homework.assignments import HiddenTest, Question
+from cotlearn.homework.submissions import Cell
+source = "def interpolate(x0, x1, t):\\n    return x0, x1"
+test = HiddenTest("def test(interpolate):\\n    assert False", 1, "wrong")
+question = Question("01.interpolate", "interpolate", (test,))
+job = isolation.Job(question, "", [Cell(1, source)], 1)
+if __name__ == "__main__":
+    print(isolation.run(job, isolation.Limits(5))[0][1:])
+"""
+
+
+def test_asserts_of_hidden_tests_stay(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(WITHOUT_ASSERTS)
+    environment = {**os.environ, "PYTHONOPTIMIZE": "1"}
+    done = subprocess.run(
+        [sys.executable, script], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "['wrong']\n"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_an_answer_gets_no_environment_no_tests_and_no_large_files(tmp_path):
+    answer = f"""import os
+known = set(os.environ)
+with open("/proc/self/environ") as f:
+    known |= {{word.split("=")[0] for word in f.read().split(chr(0)) if word}}
+seen, frame = 0, __import__("sys")._getframe()
+while frame := frame.f_back:
+    seen += "test_euler_" + "again" in repr(frame.f_locals)
+try:
+    with open("large", "wb") as f:
+        f.truncate({isolation.FILE_BYTES + 1})
+except OSError as error:
+    large = error.strerror
+def euler(*a):
+    raise ValueError(f"{{sorted(known)}} {{seen}} {{large}}")"""
+    handed_in.write(tmp_path / "in" / "a.ipynb", only(answer))
+    sentence = grade(tmp_path / "in")["a.ipynb"].marked.marks[1].sentence
+    assert "COTLEARN_GRADING_KEY" not in sentence
+    assert sentence.endswith("] 0 File too large")

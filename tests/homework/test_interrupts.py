@@ -1,0 +1,111 @@
+"""Ctrl-C ends a command at once, and nothing that it started outlives it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import handed_in
+import pytest
+from handed_in import EULER
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+START = 120  # seconds, on a very busy machine
+
+
+def alive(mark):
+    """The processes whose command or folder has this word in it."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (path / "cmdline").read_text(errors="replace") + str((path / "cwd").readlink())
+        except OSError:
+            continue
+        if mark in words and int(path.name) != os.getpid():
+            found.append(int(path.name))
+    return found
+
+
+def until(condition):
+    deadline = time.monotonic() + START
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+@pytest.fixture
+def started(tmp_path):
+    """Starts a command; answers leave files in `tmp_path` when they have begun."""
+    processes = []
+
+    def start(*words):
+        environment = {**os.environ, "TMPDIR": str(tmp_path), "COTLEARN_GRADING_KEY": "of tests"}
+        command = [sys.executable, "-m", "cotlearn", *map(str, words)]
+        with (tmp_path / "said").open("w") as said:
+            processes.append(
+                subprocess.Popen(
+                    command,
+                    env=environment,
+                    cwd=tmp_path,
+                    start_new_session=True,
+                    stdout=said,
+                    stderr=said,
+                )
+            )
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.wait()
+
+
+def sleeper(tmp_path):
+    """A notebook whose answer starts a daemon in a session of its own, and waits."""
+    daemon = f"import subprocess, sys\nsubprocess.Popen([sys.executable, '-c', '''#{tmp_path}\n"
+    daemon += "import time; time.sleep(600)'''], start_new_session=True)\n"
+    wait = f"open({str(tmp_path / 'begun')!r}, 'w').close()\nimport time\ntime.sleep(600)\n"
+    path = tmp_path / "in" / "hw1.ipynb"
+    handed_in.write(path, handed_in.homework(handed_in.answers(loss=daemon + wait + EULER)))
+    return path
+
+
+@pytest.mark.parametrize("command", ["grade", "check"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_an_end_in_an_answer(tmp_path, started, command, number):
+    path = sleeper(tmp_path)
+    process = started(command, path.parent if command == "grade" else path)
+    until((tmp_path / "begun").exists)
+    time.sleep(0.5)
+    assert len(alive(str(tmp_path))) >= 3  # the command, the answer and its daemon
+    begun = time.monotonic()
+    os.kill(process.pid, number)
+    process.wait(60)
+    text = (tmp_path / "said").read_text()
+    if number == signal.SIGINT:
+        assert time.monotonic() - begun < 3
+        assert process.returncode == 130, text
+        assert "Traceback" not in text
+    until(lambda: not alive(str(tmp_path)))
+    assert time.monotonic() - begun < 10
+    assert not list(tmp_path.glob("cotlearn-*"))
+
+
+@pytest.mark.parametrize("words", ["grade in", "check in/hw1.ipynb", "progress", "run 01"])
+@pytest.mark.parametrize("seconds", [0.7, 2, 4])
+def test_an_end_at_any_moment(tmp_path, started, words, seconds):
+    sleeper(tmp_path)
+    process = started(*words.split())
+    time.sleep(seconds)
+    if process.poll() is not None:
+        pytest.skip("it was over")
+    begun = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    process.wait(60)
+    assert time.monotonic() - begun < 3
+    text = (tmp_path / "said").read_text()
+    assert process.returncode == 130, text
+    assert "Traceback" not in text
+    until(lambda: not alive(str(tmp_path)))
