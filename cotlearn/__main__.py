@@ -1,5 +1,17 @@
-"""Makes `python -m cotlearn` run the command `cotlearn`."""
+"""The command `cotlearn`, also as `python -m cotlearn`."""
 
-from cotlearn.cli import main
+import sys
 
-main()
+
+def main() -> None:
+    """Runs the command; Ctrl-C ends it without a traceback, even while it loads."""
+    try:
+        from cotlearn.cli import main as command
+
+        command()
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -79,14 +79,17 @@ def execute(path: Path, *, timeout: int = 300) -> Run:
     error = ""
     try:
         with bar:
-            client.execute(cleanup_kc=True, env=environment)  # always ends the kernel
+            try:
+                client.execute(cleanup_kc=True, env=environment)  # always ends the kernel
+            except BaseException:  # cancelled coroutines, too
+                if hasattr(client, "_async_cleanup_kernel_future"):  # nbclient's mark of a Ctrl-C
+                    raise KeyboardInterrupt from None
+                raise
     except CellExecutionError as raised:
         error = _outputs(notebook.cells[begun[-1]], "error") or str(raised)
     except CellTimeoutError:
         error = f"The cell ran for longer than {timeout} seconds and was stopped."
     except DeadKernelError:
-        if hasattr(client, "_async_cleanup_kernel_future"):  # nbclient's mark of a Ctrl-C
-            raise KeyboardInterrupt from None
         error = "The kernel died while it ran this cell (out of memory?)."
     seconds = time.perf_counter() - start
     claims = sum(count_claims(_outputs(cell, "stdout")) for cell in code)

@@ -45,8 +45,8 @@ def make(
     Args:
         out: The folder; made if it does not exist.
         masters: The folder of the masters; those of the course if None.
-        secret_seed: Any text; gives the hidden tests other numbers, which nobody can know without
-            it. The student versions stay the same.
+        secret_seed: Any text; gives the hidden tests numbers that are in no public file. Answers
+            can see them while they are graded. The student versions stay the same.
         requirements: What pip must install in otter's container, cotlearn among it.
         say: Called with each line of the report.
 

@@ -12,6 +12,7 @@ import pytest
 from handed_in import EULER
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+CODES = {130, -signal.SIGINT}  # the same for a shell
 START = 120  # seconds, on a very busy machine
 
 
@@ -86,7 +87,7 @@ def test_an_end_in_an_answer(tmp_path, started, command, number):
     text = (tmp_path / "said").read_text()
     if number == signal.SIGINT:
         assert time.monotonic() - begun < 3
-        assert process.returncode == 130, text
+        assert process.returncode in CODES, text
         assert "Traceback" not in text
     until(lambda: not alive(str(tmp_path)))
     assert time.monotonic() - begun < 10
@@ -106,6 +107,6 @@ def test_an_end_at_any_moment(tmp_path, started, words, seconds):
     process.wait(60)
     assert time.monotonic() - begun < 3
     text = (tmp_path / "said").read_text()
-    assert process.returncode == 130, text
+    assert process.returncode in CODES, text
     assert "Traceback" not in text
     until(lambda: not alive(str(tmp_path)))
