@@ -10,7 +10,7 @@ import handed_in
 import pytest
 from handed_in import EULER
 
-from cotlearn.homework import grading, isolation
+from cotlearn.homework import answering, grading
 from cotlearn.homework.isolation import Limits
 from cotlearn.homework.registry import printable
 
@@ -192,7 +192,7 @@ while frame := frame.f_back:
     seen += "test_euler_" + "again" in repr(frame.f_locals)
 try:
     with open("large", "wb") as f:
-        f.truncate({isolation.FILE_BYTES + 1})
+        f.truncate({answering.FILE_BYTES + 1})
 except OSError as error:
     large = error.strerror
 def euler(*a):
