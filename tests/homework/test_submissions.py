@@ -87,7 +87,7 @@ def test_what_is_no_file(tmp_path):
     with pytest.raises(ValueError, match="there is no notebook at"):
         submissions.read(tmp_path / "hw1.ipynb")
     (tmp_path / "hw2.ipynb").mkdir()
-    with pytest.raises(ValueError, match=r"hw2\.ipynb cannot be read"):
+    with pytest.raises(ValueError, match=r"hw2\.ipynb is not a readable notebook: it is a folder"):
         submissions.read(tmp_path / "hw2.ipynb")
 
 
