@@ -84,7 +84,10 @@ def find_data(name: str) -> Path:
     listed = next((key for key, file in files.items() if file == path), None)
     if listed is None:
         raise ValueError(_not_found("data file", name, sorted(files), wanted=name))
-    if sums().get(listed) not in (None, _sha256(path)):
+    expected = sums()
+    if not expected and (data_folder() / SUMS).exists():
+        raise ValueError(f"data/{SUMS} is empty, so no file can be checked: {remedy(SUMS)}")
+    if expected.get(listed) not in (None, _sha256(path)):
         raise ValueError(
             f"data/{listed} is damaged: its SHA-256 is not the one in data/{SUMS}; to restore the "
             f"file: {remedy(listed)}"
@@ -119,10 +122,10 @@ def write_sums() -> Path:
     return path
 
 
-def remedy(name: str) -> str:
-    """Returns the shell command that restores the data file `name`."""
+def remedy(name: str, folder: str = "data") -> str:
+    """Returns the shell command that restores a file of `data/`, or of another folder."""
     if checkout() is not None:
-        return f"git checkout -- data/{name}"
+        return f"git checkout -- {folder}/{name}"
     return "pip install --force-reinstall --no-deps cotlearn"
 
 

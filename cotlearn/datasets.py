@@ -62,9 +62,10 @@ class Dataset:
     name: str = "dataset"
 
     def __post_init__(self) -> None:
-        validation.check_matrix(self.x1, "x1")
+        validation.check_without_gradient(validation.check_matrix(self.x1, "x1"), "x1")
         if self.c is not None:
-            object.__setattr__(self, "c", validation.check_condition(self.c))
+            c = validation.check_without_gradient(validation.check_condition(self.c), "c")
+            object.__setattr__(self, "c", c)
             validation.check_same_rows(self.x1, "x1", self.c, "c")
 
     def __len__(self) -> int:
@@ -84,6 +85,7 @@ class Dataset:
         self, n: int, generator: torch.Generator | None = None
     ) -> tuple[Tensor, Tensor | None]:
         """Draw n rows with replacement: x1 of shape (n, d) and c of shape (n, k), or None."""
+        validation.check_generator(generator)
         rows = torch.randint(len(self), (validation.check_count(n, "n"),), generator=generator)
         return self.x1[rows], None if self.c is None else self.c[rows]
 
@@ -98,6 +100,7 @@ class Dataset:
         if self.c is None:
             raise ValueError("this data set has no condition: use sample(n)")
         c = validation.check_condition(c, columns=self.condition_dim)
+        validation.check_generator(generator)
         wanted, index = torch.unique(c, dim=0, return_inverse=True)
         x1 = torch.empty(len(c), self.dim, dtype=self.x1.dtype)
         for i, condition in enumerate(wanted):

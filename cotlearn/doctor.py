@@ -45,6 +45,7 @@ def examine() -> list[Finding]:
         check_processor(),
         check_matplotlib(),
         check_mujoco(),
+        check_notebooks(),
         check_data(),
         check_disk(),
     ]
@@ -137,9 +138,16 @@ def check_mujoco() -> Finding:
     )
 
 
+def check_notebooks() -> Finding:
+    """Counts the notebooks of the course."""
+    found = len(assets.notebooks())
+    remedy = assets.remedy("", folder="notebooks")
+    return Finding("notebooks", f"{found} found", ok=found > 0, remedy=remedy)
+
+
 def check_data() -> Finding:
     """Compares the data files of the course with their SHA-256 sums."""
-    expected, measured = assets.sums(), assets.measured_sums()
+    expected, measured = assets.sums() or {assets.SUMS: ""}, assets.measured_sums()
     broken = [name for name, digest in expected.items() if measured.get(name) != digest]
     return Finding(
         "data files",

@@ -90,6 +90,8 @@ def conditional_squared_w2(
         n: samples for each condition.
         generator: randomness of both samples.
     """
+    validation.check_function(sample, "sample", "(c, generator) -> x")
+    validation.check_generator(generator)
     validation.check_count(n, "n")
     values = []
     for row in data.conditions():
@@ -154,6 +156,7 @@ def straightness(
         x0: (n, d) noise at t = 0.
         c: (n, k), or None.
     """
+    validation.check_function(velocity, "velocity", "(t, x, c) -> v")
     validation.check_inputs(velocity, x0, c, "x0")
     path = [x0]
     for step in range(STEPS):
@@ -191,10 +194,11 @@ def bootstrap_interval(
         seed: of the resampling.
         resamples: number of bootstrap means.
     """
-    array = validation.check_array(np.ravel(values), "values", (None,))
+    array = validation.check_array(values, "values", (...,)).ravel()
     if len(array) < 2:
         raise ValueError(f"values must be at least 2 numbers, got {array.tolist()}")
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(validation.check_count(seed, "seed", minimum=0))
+    resamples = validation.check_count(resamples, "resamples")
     return _percentiles(rng.choice(array, size=(resamples, len(array))).mean(axis=1))
 
 
@@ -219,7 +223,7 @@ def paired_bootstrap(
     seeds, episodes = difference.shape
     if episodes < 2:
         raise ValueError(f"first must have at least 2 episodes (columns), got shape {a.shape}")
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(validation.check_count(seed, "seed", minimum=0))
     often = rng.multinomial(seeds, np.full(seeds, 1 / seeds), size=5000) / seeds
     which = rng.multinomial(episodes, np.full(episodes, 1 / episodes), size=5000) / episodes
     means = np.einsum("rs,re,se->r", often, which, difference, optimize=True)
@@ -257,7 +261,7 @@ def energy_scores(samples: Tensor, truth: Tensor) -> Tensor:
         raise ValueError(f"samples must have shape (at least 2, n, d), got {got}")
     validation.check_shape(samples, "samples", (m, *truth.shape))
     validation.check_matrix(samples.flatten(0, 1), "samples")
-    samples = samples.to(torch.promote_types(samples.dtype, torch.float32))  # cdist has no half
+    samples = samples.double()  # in single precision the square of 1e19 is infinite
     off = (samples - truth).norm(dim=2).mean(dim=0)
     among = torch.cdist(samples.transpose(0, 1), samples.transpose(0, 1)).sum(dim=(1, 2))
     return off - among / (m * (m - 1)) / 2
@@ -274,12 +278,9 @@ def mode_entropy(modes: ArrayLike) -> float:
         modes: (conditions, draws), integers; a negative value is a failed draw and does not count.
             A condition with only failed draws has entropy 0.
     """
-    array = np.asarray(modes)
-    if array.ndim != 2 or array.dtype.kind not in "iu" or array.size == 0:
-        raise ValueError(
-            f"modes must be integers of shape (conditions, draws), got {array.dtype} of "
-            f"shape {array.shape}"
-        )
+    array = validation.check_real(modes, "modes", "iu")
+    if array.ndim != 2 or array.size == 0:
+        raise ValueError(f"modes must have shape (conditions, draws), got {array.shape}")
     counts = [np.unique(row[row >= 0], return_counts=True)[1] for row in array]
     from scipy import stats  # late: it takes a second
 

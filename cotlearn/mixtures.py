@@ -14,7 +14,14 @@ import torch
 from torch import Tensor
 
 from cotlearn.renamed import renamed
-from cotlearn.validation import check_choice, check_count, check_inputs, check_matrix, check_times
+from cotlearn.validation import (
+    check_choice,
+    check_count,
+    check_generator,
+    check_inputs,
+    check_matrix,
+    check_times,
+)
 
 _MOVED = ("Dataset", "Unconditional", "digits", "unconditional")
 __getattr__ = renamed(__name__, {name: f"cotlearn.datasets:{name}" for name in _MOVED})
@@ -52,6 +59,7 @@ class ConditionalGaussianMixture:
 
     def sample_conditions(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Draw n conditions from p(c), shape (n, k)."""
+        check_generator(generator)
         return self.draw_conditions(check_count(n, "n"), generator)
 
     def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
@@ -62,6 +70,7 @@ class ConditionalGaussianMixture:
     def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw one x from p(x | c) for each row of c, shape (n, d)."""
         check_matrix(c, "c", columns=self.condition_dim)
+        check_generator(generator)
         log_weights, means, stds = self.components(c)
         k = torch.multinomial(log_weights.exp(), 1, generator=generator)[:, 0]
         row = torch.arange(len(c))

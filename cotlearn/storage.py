@@ -21,7 +21,10 @@ def save_tensors(path: str | Path, tensors: dict[str, Tensor], about: dict[str, 
     tensors = {name: value.detach().cpu().clone().contiguous() for name, value in tensors.items()}
     record = json.dumps({"about": about, "sha256": digest(tensors, about)})
     with atomic_path(path) as temporary:
-        save_file(tensors, temporary, metadata={_KEY: record})
+        try:
+            save_file(tensors, temporary, metadata={_KEY: record})
+        except SafetensorError as error:  # of the operating system: a full disk, say
+            raise OSError(f"{path} cannot be written: {error}") from error
 
 
 def load_tensors(path: str | Path) -> tuple[dict[str, Tensor], dict[str, Any]]:

@@ -5,6 +5,10 @@ Each error message names the argument, the value that came and the value that wa
 
 import itertools
 import math
+import tempfile
+from numbers import Integral
+from pathlib import Path
+from types import EllipsisType
 from typing import Any
 
 import numpy as np
@@ -12,9 +16,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+#: What couplings say of images.
+IMAGES = "; images[pairs.target_index] are the images of the pairs"
 
-def check_matrix(value: Any, name: str, *, columns: int | None = None) -> Tensor:
+
+def check_matrix(value: Any, name: str, *, columns: int | None = None, hint: str = "") -> Tensor:
     """Return `value` if it is a finite, non-empty floating-point tensor of shape (n, columns).
+
+    Args:
+        value: the argument.
+        name: its name.
+        columns: expected columns; any number if None.
+        hint: what else the error says if there are more than two axes.
 
     Raises:
         TypeError: `value` is not a floating-point tensor.
@@ -25,7 +38,8 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None) -> Tensor
     if not value.is_floating_point():
         raise TypeError(f"{name} must be a floating-point tensor, got {value.dtype}")
     if value.ndim != 2:
-        raise ValueError(f"{name} must have shape (rows, columns), got {tuple(value.shape)}")
+        flat = f"; pass {name}.flatten(1){hint}" if value.ndim > 2 else ""
+        raise ValueError(f"{name} must have shape (rows, columns), got {tuple(value.shape)}{flat}")
     if not value.numel() and columns != 0:
         raise ValueError(f"{name} is empty: it has shape {tuple(value.shape)}")
     if columns is not None and value.shape[1] != columns:
@@ -114,6 +128,10 @@ def check_inputs(network: Any, x: Any, c: Any, name: str = "x") -> Any:
 
 def check_times(t: Any, x: Tensor) -> Tensor:
     """Return t in [0, 1], a number or of shape (B,), as a tensor (B,) with x's dtype and device."""
+    if not isinstance(t, Tensor):
+        t = check_real(t, "t")
+    elif t.is_complex():
+        raise TypeError(f"t must hold real numbers, got {t.dtype}")
     time = torch.as_tensor(t, dtype=x.dtype, device=x.device).detach()
     if time.ndim > 1 or (time.ndim == 1 and len(time) != len(x)):
         raise ValueError(f"t must be a number or have shape ({len(x)},), got {tuple(time.shape)}")
@@ -122,15 +140,54 @@ def check_times(t: Any, x: Tensor) -> Tensor:
     return time.expand(len(x))
 
 
-def check_array(value: Any, name: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
-    """Return finite real numbers as a float64 array of this shape; None allows any size above 0."""
+def check_real(value: Any, name: str, kinds: str = "fiub") -> NDArray[Any]:
+    """Return `value` as a NumPy array if NumPy reads it without a loss.
+
+    Args:
+        value: numbers, in any shape and not necessarily finite.
+        name: of the argument.
+        kinds: letters of the types (`dtype.kind`) that are allowed.
+
+    Raises:
+        TypeError: it has another type (complex numbers, dates, Python objects), or needs gradients.
+        ValueError: it is a masked array in which something is masked.
+    """
+    if isinstance(value, Tensor):
+        value = check_without_gradient(value, name).cpu()
+    if any(map(np.ma.is_masked, value if isinstance(value, list | tuple) else [value])):
+        raise ValueError(f"{name} has masked values: drop their rows, or fill them")
     try:
-        array = np.asarray(value).astype(np.float64, casting="same_kind", copy=False)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name} must hold real numbers, got {value!r}") from None
-    sizes = zip(array.shape, shape, strict=False)
-    if array.ndim != len(shape) or not array.size or any(w not in (None, n) for n, w in sizes):
-        wanted = str(shape).replace("None", "any")
+        array = np.asarray(value)
+    except (TypeError, ValueError):  # rows of different lengths
+        array = np.array(None)
+    if array.dtype.kind not in kinds:
+        wanted = "integers" if kinds == "iu" else "real numbers"
+        got = repr(value) if array.dtype.kind in "OUS" else array.dtype
+        raise TypeError(f"{name} must hold {wanted}, got {got}")
+    return array
+
+
+def check_without_gradient(value: Tensor, name: str) -> Tensor:
+    """Return `value` unless it is a tensor that requires gradients."""
+    if value.requires_grad:
+        raise TypeError(f"{name} must be data, got a tensor with gradients: pass {name}.detach()")
+    return value
+
+
+def check_array(
+    value: Any, name: str, shape: tuple[int | EllipsisType | None, ...]
+) -> NDArray[np.float64]:
+    """Return finite real numbers as a float64 array of this shape.
+
+    None allows any size above 0; ... at the beginning allows any axes, which may be empty.
+    """
+    array = check_real(value, name).astype(np.float64, copy=False)
+    more = shape[0] is ...
+    tail = shape[1:] if more else shape
+    fits = array.ndim >= len(tail) if more else array.ndim == len(tail) and array.size > 0
+    sizes = zip(array.shape[array.ndim - len(tail) :], tail, strict=False)
+    if not fits or any(wanted not in (None, size) for size, wanted in sizes):
+        wanted = str(shape).replace("None", "any").replace("Ellipsis", "...")
         raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
     if not np.isfinite(array).all():
         raise ValueError(f"{name} has NaN or infinite values")
@@ -138,13 +195,23 @@ def check_array(value: Any, name: str, shape: tuple[int | None, ...]) -> NDArray
 
 
 def check_count(value: Any, name: str, *, minimum: int = 1) -> int:
-    """Return `value` if it is an integer of at least `minimum` (True and 3.0 are not integers)."""
-    if isinstance(value, bool) or not hasattr(value, "__index__"):
+    """Return `value` if it is an integer from `minimum` to 2**63 - 1, for instance a seed.
+
+    True, 3.0 and tensors are not integers.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be an integer, got {value!r}")
-    number = value.__index__()
+    number = int(value)
+    if number >= 2**63:
+        raise ValueError(f"{name} must be below 2**63, got {_digits(number)}")
     if number < minimum:
-        raise ValueError(f"{name} must be at least {minimum}, got {number}")
-    return int(number)
+        raise ValueError(f"{name} must be at least {minimum}, got {_digits(number)}")
+    return number
+
+
+def _digits(number: int) -> str:
+    """The number, or how long it is; Python refuses to write more than 4,300 digits."""
+    return str(number) if abs(number) < 10**30 else f"a number of {number.bit_length()} bits"
 
 
 def check_number(value: Any, name: str, *, minimum: float = 0.0, infinite: bool = False) -> float:
@@ -153,9 +220,13 @@ def check_number(value: Any, name: str, *, minimum: float = 0.0, infinite: bool 
         scalar = value.item() if hasattr(value, "item") else value  # of numpy or torch
     except (ValueError, RuntimeError):
         scalar = None
-    if isinstance(scalar, bool) or not isinstance(scalar, int | float):
+    lost = np.ma.is_masked(value) or isinstance(value, np.datetime64 | np.timedelta64)
+    if lost or isinstance(scalar, bool) or not isinstance(scalar, int | float):
         raise TypeError(f"{name} must be a number, got {value!r}")
-    number = float(scalar)
+    try:
+        number = float(scalar)
+    except OverflowError:
+        raise ValueError(f"{name} is too large: {_digits(int(scalar))}") from None
     if math.isnan(number) or number < minimum or (math.isinf(number) and not infinite):
         also = " (infinity is allowed)" if infinite else " and finite"
         raise ValueError(f"{name} must be at least {minimum:g}{also}, got {number}")
@@ -176,8 +247,39 @@ def check_share(value: Any, name: str) -> float:
     return share
 
 
-def check_choice(value: Any, name: str, choices: tuple[str, ...]) -> str:
-    """Return `value` if it is one of `choices`."""
-    if value not in choices:
-        raise ValueError(f"{name} must be one of {', '.join(choices)}; got {value!r}")
+def check_choice(value: Any, name: str, choices: tuple[str, ...], also: str = "") -> str:
+    """Return `value` if it is one of `choices`; `also` says what else the argument may be."""
+    if not isinstance(value, str) or value not in choices:
+        raise ValueError(f"{name} must be {also}one of {', '.join(choices)}; got {value!r}")
     return str(value)
+
+
+def check_function(value: Any, name: str, form: str) -> None:
+    """Raise TypeError unless `value` can be called; `form` is, for instance, "(x, c) -> x"."""
+    if not callable(value):
+        raise TypeError(f"{name} must be a function {form}, got {value!r}")
+
+
+def check_generator(value: Any, name: str = "generator") -> None:
+    """Raise TypeError unless `value` is torch's generator of random numbers, or None."""
+    if value is not None and not isinstance(value, torch.Generator):
+        raise TypeError(f"{name} must be a torch.Generator or None, got {value!r}")
+
+
+def check_output(path: str | Path, name: str) -> Path:
+    """Return a path if a file can be written there, as far as that is known before the work.
+
+    Raises:
+        ValueError: it is a folder, or its folder is a file or not writable.
+    """
+    path = Path(path)
+    folder = path.parent
+    try:
+        if path.is_dir():
+            raise ValueError(f"{name} must be a file, got the folder {path}")
+        while not folder.exists():  # missing folders will be made
+            folder = folder.parent
+        with tempfile.TemporaryFile(dir=folder):
+            return path
+    except OSError as error:
+        raise ValueError(f"{name} cannot be written to {path}: {error.strerror}") from None

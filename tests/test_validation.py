@@ -9,11 +9,15 @@ from cotlearn.validation import (
     check_choice,
     check_condition,
     check_count,
+    check_function,
+    check_generator,
     check_matrix,
     check_number,
+    check_output,
     check_positive,
     check_same_rows,
     check_share,
+    check_times,
 )
 
 
@@ -70,12 +74,14 @@ def test_rows_must_agree():
 
 def test_counts():
     assert check_count(np.int64(3), "n") == 3
-    assert check_count(torch.tensor(3), "n") == 3
-    for bad in (True, 3.0, "3", None):
+    for bad in (True, 3.0, "3", None, torch.tensor(3), torch.ones(2), np.ones(2), np.bool_(True)):
         with pytest.raises(TypeError, match="n must be an integer"):
             check_count(bad, "n")
     for bad in (0, -1):
         with pytest.raises(ValueError, match=f"n must be at least 1, got {bad}"):
+            check_count(bad, "n")
+    for bad in (10**400, 10**5000):
+        with pytest.raises(ValueError, match=r"n must be below 2\*\*63, got a number of \d+ bits"):
             check_count(bad, "n")
 
 
@@ -83,12 +89,15 @@ def test_numbers():
     assert check_number(np.float32(0.5), "w") == 0.5
     assert check_number(torch.tensor(2), "w") == 2.0
     assert check_number(math.inf, "w", infinite=True) == math.inf
-    for bad in (True, "1", None, torch.zeros(2), np.zeros(2), 1j):
+    time = np.datetime64(5, "ns")  # whose item() is 5
+    for bad in (True, "1", None, torch.zeros(2), np.zeros(2), 1j, time, time - time, np.ma.masked):
         with pytest.raises(TypeError, match="w must be a number"):
             check_number(bad, "w")
     for bad in (-1, math.nan, math.inf, -math.inf):
         with pytest.raises(ValueError, match="w must be at least 0 and finite"):
             check_number(bad, "w")
+    with pytest.raises(ValueError, match="w is too large: a number of 1329 bits"):
+        check_number(10**400, "w")
     with pytest.raises(ValueError, match="infinity is allowed"):
         check_number(math.nan, "w", infinite=True)
 
@@ -104,11 +113,16 @@ def test_positive_numbers():
     ("value", "error", "message"),
     [
         ([["a"]], TypeError, "A must hold real numbers, got .*a"),
-        (np.eye(2) * 1j, TypeError, "A must hold real numbers, got array.*j"),
+        (np.eye(2) * 1j, TypeError, "A must hold real numbers, got complex128"),
         (np.eye(3), ValueError, r"A must have shape \(any, 2\), got \(3, 3\)"),
         (np.ones(2), ValueError, r"A must have shape \(any, 2\), got \(2,\)"),
         (np.ones((0, 2)), ValueError, r"A must have shape \(any, 2\), got \(0, 2\)"),
         ([[1, math.nan]], ValueError, "A has NaN or infinite values"),
+        (np.ma.masked_equal([[1, -9999]], -9999), ValueError, "A has masked values: drop"),
+        ([np.ma.masked_equal([1, -9999], -9999)], ValueError, "A has masked values: drop"),
+        (np.ones((1, 2), "M8[s]"), TypeError, r"A must hold real numbers, got datetime64\[s\]"),
+        (torch.ones(1, 2, requires_grad=True), TypeError, r"A must be data, .* A.detach\(\)"),
+        ([[1, 2], [3]], TypeError, r"A must hold real numbers, got \[\[1, 2\], \[3\]\]"),
     ],
 )
 def test_bad_arrays(value, error, message):
@@ -119,7 +133,7 @@ def test_bad_arrays(value, error, message):
 
 def test_choices():
     assert check_choice("a", "letter", ("a", "b")) == "a"
-    for bad in ("c", None, 3):
+    for bad in ("c", None, 3, np.array(["a", "b"]), torch.ones(2)):
         with pytest.raises(ValueError, match="letter must be one of a, b; got"):
             check_choice(bad, "letter", ("a", "b"))
 
@@ -129,3 +143,49 @@ def test_a_share_lies_between_0_and_1():
     for wrong in (-0.1, 1.1, float("nan")):
         with pytest.raises(ValueError, match="early must"):
             check_share(wrong, "early")
+
+
+def test_an_array_may_have_any_axes_in_front():
+    for shape in ((3,), (4, 3), (0, 3), (2, 4, 3)):
+        assert check_array(np.ones(shape), "pose", (..., 3)).shape == shape
+    for shape in ((), (4,), (3, 4)):
+        with pytest.raises(ValueError, match=r"pose must have shape \(\.\.\., 3\), got"):
+            check_array(np.ones(shape), "pose", (..., 3))
+
+
+@pytest.mark.parametrize(
+    ("t", "error"),
+    [
+        (1j, TypeError),
+        (torch.tensor(1j), TypeError),
+        ("a", TypeError),
+        ([0.5, math.nan], ValueError),
+    ],
+)
+def test_times_are_real(t, error):
+    with pytest.raises(error, match="t must"):
+        check_times(t, torch.ones(2, 2))
+
+
+def test_functions_and_generators():
+    check_function(math.sin, "embed", "of c")
+    with pytest.raises(TypeError, match="embed must be a function of c, got 5"):
+        check_function(5, "embed", "of c")
+    check_generator(None)
+    check_generator(torch.Generator())
+    for bad in (0, np.random.default_rng(0)):
+        with pytest.raises(TypeError, match=r"generator must be a torch\.Generator or None, got"):
+            check_generator(bad)
+
+
+def test_a_file_can_be_written_or_not_before_the_work(tmp_path):
+    assert check_output(tmp_path / "new" / "a.csv", "out") == tmp_path / "new" / "a.csv"
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "file").touch()
+    for bad, why in (
+        (tmp_path, "out must be a file, got the folder"),
+        (tmp_path / "file" / "a.csv", "out cannot be written to .*a.csv: Not a directory"),
+        (tmp_path / ("a" * 300), "out cannot be written to .*: File name too long"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            check_output(bad, "out")

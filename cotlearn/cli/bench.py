@@ -49,7 +49,10 @@ def bench(
         from cotlearn.policies.comparison.cells import Protocol, measure_latency
         from cotlearn.policies.comparison.cells import bench as fill
         from cotlearn.policies.comparison.summary import summarise
+        from cotlearn.validation import check_output
 
+        for path in (summary, folder / "cell", weights / "cell"):
+            check_output(path, "summary, folder or weights")
         setting, demonstrations = policies.setting(name, options, data)
         if latency:
             measure_latency(folder, weights=weights, say=say)

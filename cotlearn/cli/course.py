@@ -83,12 +83,17 @@ def run(
     """Executes notebooks without a browser and says how long each took."""
     with reported():
         from cotlearn import execution
+        from cotlearn.validation import check_output
 
         paths = [assets.find_notebook(name) for name in notebook or []] or assets.notebooks()
         if not paths:
             raise ValueError(
                 f"there are no notebooks in {assets.course_folder()}; get the course again"
             )
+        if html is not None:
+            check_output(html / "index.html", "html")
+        for path in paths if inplace else []:
+            check_output(path, "notebook")
         runs = []
         for path in paths:
             done = execution.execute(path, timeout=timeout)
@@ -98,14 +103,15 @@ def run(
                 execution.store(done)
             if html is not None:
                 execution.to_html(done, html)
+        index = execution.write_index(runs, html) if html is not None else None
     failed = sum(bool(item.error) for item in runs)
     if len(runs) > 1:
         seconds, claims = sum(item.seconds for item in runs), sum(item.claims for item in runs)
         console.print(
             f"{len(runs)} notebooks, {seconds:.1f} s, {claims} claims passed, {failed} failed"
         )
-    if html is not None:
-        console.print(f"to read: {escape(str(execution.write_index(runs, html)))}")
+    if index is not None:
+        console.print(f"to read: {escape(str(index))}")
     raise typer.Exit(1 if failed else 0)
 
 

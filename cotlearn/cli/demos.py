@@ -31,6 +31,9 @@ def demos(
     """
     out = out or Path(f"{task.replace('-', '_')}_demos.npz")
     with reported():
+        from cotlearn.validation import check_output
+
+        check_output(out, "out")
         if task == "push-t-pixels":
             said = _draw(out, episodes, size)
         else:

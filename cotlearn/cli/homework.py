@@ -114,6 +114,8 @@ def grade(
     with reported():
         from cotlearn.homework import grading
 
+        if out.with_suffix("").resolve() == folder.resolve():
+            raise ValueError(f"out must have another name than the folder {folder}, got {out}")
         limits = _limits(seconds, gigabytes)
         rows = grading.grade(
             folder, out, masters=masters, workers=workers, limits=limits, each=_print_row
@@ -160,7 +162,10 @@ def homework(
 def _limits(seconds: float, gigabytes: float) -> Limits:
     """The limits, after a word on a system that cannot keep one of them."""
     from cotlearn.homework.isolation import Limits, has_memory_limit
+    from cotlearn.validation import check_number
 
+    check_number(seconds, "seconds", minimum=1)
+    check_number(gigabytes, "gigabytes", minimum=0.1)
     if not has_memory_limit():
         console.print(
             "note: this system has no memory limit for a process; an answer that fills the memory "

@@ -37,10 +37,13 @@ def report(
         import torch
 
         from cotlearn.report import examine, read_data, write_page
+        from cotlearn.validation import check_output
 
         torch.set_num_threads(1)
         if out.is_dir() or not out.parent.is_dir():
             raise ValueError(f"out must be a file in a folder that exists, got {out}")
+        for path, name in ((out, "out"), (model, "model")):
+            check_output(path, name)
         rows = read_data(data, observe=observe, predict=predict)
         console.print(f"{escape(rows.data.name)}: {escape(rows.about)}")
         found = examine(rows, steps=steps, seed=seed, checkpoints=checkpoints)

@@ -29,13 +29,17 @@ def reported(*more: type[Exception]) -> Iterator[None]:
     Args:
         more: other kinds of errors of which the message says enough.
     """
-    kinds: tuple[type[Exception], ...] = (OSError, ValueError, *more)
+    kinds: tuple[type[Exception], ...] = (ValueError, *more)
     try:
         yield
     except ImportError as error:
         if error.name is None:  # the message is ours, and says what to install
             stop(str(error))
         stop_missing(error.name)
+    except OSError as error:
+        stop(f"{error.strerror}: {error.filename}" if error.filename else str(error))
+    except MemoryError as error:
+        stop(f"there is not enough memory: {error}")
     except kinds as error:
         stop(str(error))
     except KeyboardInterrupt:

@@ -31,11 +31,13 @@ def train(
     """Trains a policy for a task, saves it, and tries it; resumes where it was interrupted."""
     out = out or Path(f"{name.replace('-', '_')}.safetensors")
     checkpoint = out.with_name(f"{out.stem}.training.safetensors")
-    with reported():
+    with reported(RuntimeError):
         from cotlearn.policies import training
         from cotlearn.policies.comparison.choice import with_choice
         from cotlearn.policies.rollout import rollout
+        from cotlearn.validation import check_output
 
+        check_output(out, "out")
         setting, chosen = policies.setting(name, options, data)
         if episodes is not None:
             chosen = chosen.select(range(min(episodes, len(chosen))))
@@ -46,10 +48,10 @@ def train(
             options=with_choice(coupling, chosen, setting.options),
             checkpoint=checkpoint,
         )
-    trained.policy.about = {"coupling": coupling, "seed": seed, "episodes": len(chosen)}
-    trained.policy.save(out)
-    for file in trained.checkpoints:
-        file.unlink()
+        trained.policy.about = {"coupling": coupling, "seed": seed, "episodes": len(chosen)}
+        trained.policy.save(out)
+        for file in trained.checkpoints:
+            file.unlink()
     console.print(
         f"{escape(str(out))}: {trained.parameters} weights, {len(chosen)} episodes, "
         f"{trained.seconds:.0f} s"

@@ -14,8 +14,11 @@ from scipy.spatial.distance import cdist
 from torch import Tensor
 
 from cotlearn.validation import (
+    IMAGES,
     check_condition,
     check_count,
+    check_function,
+    check_generator,
     check_matrix,
     check_same_rows,
     check_shape,
@@ -158,10 +161,11 @@ class Coupling(WithOptions):
             TypeError: an input is not a floating-point tensor, or c is None but needed.
             ValueError: shapes do not match, a batch is empty, or values are not finite.
         """
-        check_matrix(x0, "x0")
-        check_matrix(x1, "x1", columns=x0.shape[1])
+        check_matrix(x0, "x0", hint=IMAGES)
+        check_matrix(x1, "x1", columns=x0.shape[1], hint=IMAGES)
         check_same_rows(x1, "x1", x0, "x0")
         self._check_condition(c, x0, "x0")
+        check_generator(generator)
         with torch.no_grad():
             match = self.match(x0, x1, c, _numpy_rng(generator))
         source = torch.from_numpy(match.source_index).to(x0.device)
@@ -199,7 +203,8 @@ class Coupling(WithOptions):
             start: number of the first batch.
 
         Raises:
-            TypeError: the data are endless, but the coupling needs the whole data set.
+            TypeError: the data have no `sample`, or are endless, but the coupling needs the whole
+                data set.
             ValueError: a size is out of range, or ot_batch_size is given to a coupling with
                 `whole_data`.
         """
@@ -213,6 +218,14 @@ class Coupling(WithOptions):
                 f"{type(self).__name__}, got {ot_batch_size}"
             )
         check_count(start, "start", minimum=0)
+        check_generator(generator)
+        if source is not None:
+            check_function(source, "source", "(n, generator) -> x0")
+        if not (hasattr(data, "sample") or hasattr(data, "x1")):
+            got = type(data).__name__
+            raise TypeError(
+                f"data must have sample(n, generator), as Dataset(x1, c) has; got {got}"
+            )
         seed = torch.initial_seed() if generator is None else generator.initial_seed()
         epoch = self.epoch_rows(data)
         self.prepare(data, source, generator_for(seed, 0, purpose=3))

@@ -14,7 +14,13 @@ from torch import Tensor
 
 from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.couplings.base import Array, Coupling, Index, Match, near_rows, squared_distances
-from cotlearn.validation import check_choice, check_condition, check_number, check_same_rows
+from cotlearn.validation import (
+    check_choice,
+    check_condition,
+    check_function,
+    check_number,
+    check_same_rows,
+)
 
 LABELS = ("target", "source")
 BALANCED = "balanced"
@@ -58,14 +64,15 @@ class ConditionalOT(Coupling):
 
     def __post_init__(self) -> None:
         if isinstance(self.condition_weight, str):
-            check_choice(self.condition_weight, "condition_weight", self.rules)
+            number = "a number from 0 to math.inf, or "
+            check_choice(self.condition_weight, "condition_weight", self.rules, number)
         else:
             self.condition_weight = check_number(
                 self.condition_weight, "condition_weight", infinite=True
             )
         check_choice(self.label, "label", LABELS)
-        if self.condition is not None and not callable(self.condition):
-            raise TypeError(f"condition must be a function of c, got {self.condition!r}")
+        if self.condition is not None:
+            check_function(self.condition, "condition", "of c")
 
     @classmethod
     def from_gamma(cls, gamma: float, **options: Any) -> ConditionalOT:

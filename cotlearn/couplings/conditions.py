@@ -19,6 +19,7 @@ from cotlearn.renamed import renamed
 from cotlearn.validation import (
     check_condition,
     check_count,
+    check_function,
     check_matrix,
     check_number,
     check_same_rows,
@@ -217,8 +218,7 @@ class EmbeddedClusters(Clusters):
     rows: int = 20_000
 
     def __post_init__(self) -> None:
-        if not callable(self.embed):
-            raise TypeError(f"embed must be a function of c, got {self.embed!r}")
+        check_function(self.embed, "embed", "of c")
         check_count(self.rows, "rows")
 
     def fit(self, c: Tensor) -> Self:

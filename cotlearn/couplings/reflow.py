@@ -11,7 +11,7 @@ from torch import Tensor
 from cotlearn.couplings.base import Coupling, Match, Pairs, Source, check_like
 from cotlearn.couplings.independent import Independent
 from cotlearn.renamed import renamed
-from cotlearn.validation import check_same_rows
+from cotlearn.validation import check_function, check_same_rows
 
 
 @dataclass(repr=False)
@@ -36,8 +36,7 @@ class Reflow(Coupling):
     transformable = False
 
     def __post_init__(self) -> None:
-        if not callable(self.teacher):
-            raise TypeError(f"teacher must be a function (x0, c) -> x1, got {self.teacher!r}")
+        check_function(self.teacher, "teacher", "(x0, c) -> x1")
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Pair row i of the noise with the teacher's sample from it."""

@@ -1,5 +1,6 @@
 """Stratified OT: one exact assignment per condition cluster and epoch."""
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
@@ -28,7 +29,8 @@ class StratifiedOT(Coupling):
     Inside a cluster x0 still depends on c: smaller clusters reduce this dependence, larger ones
     straighten more. This form of conditional OT is this project's own.
 
-    A stream needs finite data (`.x1`, `.c` and `len`), or n_samples.
+    A stream needs finite data (`.x1`, `.c` and `len`), or n_samples. A call on a batch makes its
+    clusters of the rows of the batch alone, and says so once (UserWarning).
 
     Args:
         clusters: K, for k-means on the standardised conditions, fitted anew to the data of each
@@ -65,10 +67,18 @@ class StratifiedOT(Coupling):
             raise ValueError(f"rows_per_solve must be at most {LARGEST_SOLVE}, got {rows}")
         if self.n_samples is not None:
             check_count(self.n_samples, "n_samples")
-        self._last = Last()
+        self._last, self._streams = Last(), False
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
         """Pair within the clusters of c; row i of the noise has the cluster of c_i."""
+        if not self._streams:
+            self._streams = True
+            warnings.warn(
+                f"StratifiedOT was called with {len(x0)} rows: its clusters are theirs, not those "
+                "of a data set; if this is a batch, take batches from stream(Dataset(x1, c), "
+                "batch_size=...), or use ConditionalOT",
+                stacklevel=3,
+            )
         label, paired = self._last(self._clustered, x1, c)
         target = np.empty(len(x0), dtype=np.int64)
         for rows in self._solves(label, rng):
@@ -95,6 +105,7 @@ class StratifiedOT(Coupling):
 
     def epoch_rows(self, data: Any) -> int:
         """Rows that are paired at once: all the data, or n_samples."""
+        self._streams = True
         if self.n_samples is None:
             self._check_finite(data)
         return self.n_samples or len(data)

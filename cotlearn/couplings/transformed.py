@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from cotlearn.couplings.base import Coupling, Last, Match, Pairs, WithOptions, check_like
+from cotlearn.validation import check_function
 
 Transform = Callable[[Tensor, Tensor], Tensor]
 OfCondition = Callable[[Tensor], Tensor]
@@ -62,9 +63,9 @@ class Transformed(Coupling):
                 "coupling must choose rows of a batch by x1 and c alone, and label them by their "
                 f"data: not a network's or teacher's, nor SemidiscreteOT; got {inner!r}"
             )
-        for name, function in (("forward", self.forward), ("inverse", self.inverse)):
-            if not callable(function) and (name == "forward" or function is not None):
-                raise TypeError(f"{name} must be a function (x, c) -> x, got {function!r}")
+        check_function(self.forward, "forward", "(x, c) -> x")
+        if self.inverse is not None:
+            check_function(self.inverse, "inverse", "(x, c) -> x")
         for name in (*FLAGS, *METHODS):
             setattr(self, name, getattr(inner, name))
         self._last = Last()
@@ -138,9 +139,9 @@ def centred(
         TypeError: coupling is not a `Coupling`, or mean or spread is not callable.
         ValueError: as `Transformed`; when pairing, a spread is not positive.
     """
-    for name, function in (("mean", mean), ("spread", spread)):
-        if not callable(function) and (name == "mean" or function is not None):
-            raise TypeError(f"{name} must be a function of c, got {function!r}")
+    check_function(mean, "mean", "of c")
+    if spread is not None:
+        check_function(spread, "spread", "of c")
     return Transformed(coupling, Residual(mean, spread))
 
 

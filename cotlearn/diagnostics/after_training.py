@@ -62,6 +62,7 @@ def deployment_gap(
         ValueError: n or repetitions is too small.
     """
     check_count(n, "n", minimum=100)
+    check_count(seed, "seed", minimum=0)
     check_count(repetitions, "repetitions", minimum=2)
     stream = coupling.stream(data, batch_size=n, generator=torch.Generator().manual_seed(seed))
     errors = np.empty((repetitions, 2))
@@ -126,6 +127,7 @@ def error_budget(
         seed: of all samples.
     """
     check_count(nfe, "nfe")
+    check_count(seed, "seed", minimum=0)
     size = data.sample_given(data.conditions()[:1]).shape[1]
 
     def error(sample: metrics.ConditionalSampler) -> float:

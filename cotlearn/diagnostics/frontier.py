@@ -129,6 +129,7 @@ def frontier(
     if not couplings:
         raise ValueError("couplings is empty: give at least one name and coupling")
     check_count(batch_size, "batch_size", minimum=2)
+    check_count(seed, "seed", minimum=0)
     check_count(rows, "rows", minimum=skew.MINIMUM_ROWS)
     check_count(repetitions, "repetitions", minimum=2)
     check_count(probe_steps, "probe_steps", minimum=0)

@@ -10,7 +10,13 @@ from torch import Tensor
 from cotlearn.couplings.base import to_numpy
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.datasets import Standardiser
-from cotlearn.validation import check_condition, check_count, check_matrix, check_same_rows
+from cotlearn.validation import (
+    check_condition,
+    check_count,
+    check_generator,
+    check_matrix,
+    check_same_rows,
+)
 
 MINIMUM_ROWS, MOST_ROWS = 100, 4000  #: of a test; more rows are subsampled
 NEIGHBOURS = 5
@@ -57,6 +63,7 @@ def prior_skew(x0: Tensor, c: Tensor, *, generator: torch.Generator | None = Non
     c = check_conditioned(x0, "x0", c)
     if len(x0) < MINIMUM_ROWS:
         raise ValueError(f"x0 and c need at least {MINIMUM_ROWS} rows, got {len(x0)}")
+    check_generator(generator)
     rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
     rows = rng.permutation(len(x0))[:MOST_ROWS]
     half = len(rows) // 2

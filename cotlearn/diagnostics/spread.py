@@ -8,6 +8,7 @@ from torch import Tensor
 
 from cotlearn.couplings.base import to_numpy
 from cotlearn.diagnostics.skew import MOST_ROWS, check_conditioned, unit_variance
+from cotlearn.validation import check_count
 
 NEIGHBOURS = 10  #: rows with near conditions
 
@@ -50,7 +51,7 @@ def between_within(x1: Tensor, c: Tensor, *, seed: int = 0) -> BetweenWithin:
         ValueError: too few rows, shapes that do not match, or values that are not finite.
     """
     c = check_conditioned(x1, "x1", c)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(check_count(seed, "seed", minimum=0))
     rows = rng.permutation(len(x1))[:MOST_ROWS]
     if len(rows) <= NEIGHBOURS:
         raise ValueError(f"x1 needs more than {NEIGHBOURS} rows, got {len(rows)}")

@@ -291,5 +291,5 @@ def seeded(seed: int | None) -> Iterator[None]:
     """Seed torch inside the block and restore its global randomness after; None: do nothing."""
     with torch.random.fork_rng(devices=[], enabled=seed is not None):
         if seed is not None:
-            torch.manual_seed(seed)
+            torch.manual_seed(check_count(seed, "seed", minimum=0))
         yield

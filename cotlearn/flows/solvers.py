@@ -92,6 +92,7 @@ def integrate(
             finite.
         RuntimeError: with dopri5, the velocity is not finite or the step size became too small.
     """
+    validation.check_function(velocity, "velocity", "(t, x, c) -> v")
     validation.check_inputs(velocity, x0, c, "x0")
     evaluations = 0
 
@@ -152,11 +153,13 @@ def sampler(velocity: Velocity, *, nfe: int, dim: int | None = None) -> Callable
     Raises:
         ValueError: dim is missing.
     """
+    validation.check_function(velocity, "velocity", "(t, x, c) -> v")
     size = getattr(velocity, "dim", None) if dim is None else validation.check_count(dim, "dim")
     if size is None:
         raise ValueError("dim is missing: the velocity has no attribute dim")
 
     def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        validation.check_generator(generator)
         noise = torch.randn(len(validation.check_condition(c)), size, generator=generator)
         return integrate(velocity, noise.to(c.device), c, nfe=nfe).x1
 

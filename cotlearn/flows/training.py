@@ -113,6 +113,9 @@ def fit(
         KeyboardInterrupt: Ctrl-C was pressed; the checkpoint has been written.
     """
     _check_kinds(network, data, coupling)
+    validation.check_function(loss, "loss", "(network, pairs, generator) -> (B,)")
+    if checkpoint is not None:
+        validation.check_output(checkpoint, "checkpoint")
     validation.check_count(log_every, "log_every")
     validation.check_count(checkpoint_every, "checkpoint_every")
     ot_batch_size = batch_size if ot_batch_size is None else ot_batch_size
@@ -289,7 +292,7 @@ def _load(path: str | Path, state: _State) -> None:
 def _check_kinds(network: Any, data: Any, coupling: Any) -> None:
     for name, value, method, wanted in (
         ("network", network, "parameters", "a torch.nn.Module"),
-        ("data", data, "sample", "an object with sample(n, generator=g)"),
+        ("data", data, "sample", "an object with sample(n, generator=g), as Dataset(x1, c)"),
         ("coupling", coupling, "stream", "a coupling such as Independent()"),
     ):
         if isinstance(value, type) or not hasattr(value, method):

@@ -9,6 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
+from cotlearn.validation import check_real
+
 Array = Any  #: NDArray[np.float64]; the stubs of matplotlib refuse arrays that it takes
 Numbers = Any  #: a torch tensor on any device, or anything that numpy understands
 PANEL_SIZE = 2.9
@@ -27,7 +29,7 @@ def as_array(value: Numbers, *shape: int | str) -> Array:
     """
     if hasattr(value, "detach"):
         value = value.detach().cpu()
-    array = np.asarray(value, dtype=np.float64)
+    array = check_real(value, "value").astype(np.float64, copy=False)
     fits = len(shape) == array.ndim and all(
         isinstance(wanted, str) or wanted == size
         for wanted, size in zip(shape, array.shape, strict=True)

@@ -222,7 +222,7 @@ def train(
         ValueError: an unknown method, or options or a checkpoint that do not fit.
         KeyboardInterrupt: Ctrl-C, after the checkpoint has been written.
     """
-    method = find_method(method)
+    method, seed = find_method(method), check_count(seed, "seed", minimum=0)
     options = method.settle(options or Options())
     windows = options.windows(episodes)
     data = windows.dataset(episodes, label=options.label)

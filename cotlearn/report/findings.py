@@ -114,7 +114,7 @@ def split(rows: Rows, *, seed: int = 0) -> tuple[NDArray[np.int64], NDArray[np.i
     name, n, groups = rows.data.name, len(rows.data), int(rows.group.max()) + 1
     if groups < 4:
         raise ValueError(f"{name} has {groups} groups: at least 4 are needed to split")
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(check_count(seed, "seed", minimum=0))
     out = np.isin(rows.group, rng.permutation(groups)[: groups // 4])
     inside, outside = (rng.permutation(np.flatnonzero(part)) for part in (~out, out))
     if n < FEWEST or len(inside) < 200 or len(outside) < 20:
@@ -147,6 +147,7 @@ def examine(
         ValueError: too few rows, or data that do not vary.
     """
     check_count(steps, "steps")
+    check_count(seed, "seed", minimum=0)
     data, (inside, outside) = rows.data, split(rows, seed=seed)
     assert data.c is not None  # `Rows` have conditions
     x, c = Standardiser.fit(data.x1[inside]), Standardiser.fit(data.c[inside])

@@ -12,7 +12,7 @@ from torch import Tensor
 from cotlearn.datasets import Dataset
 from cotlearn.robots.episodes.lerobot import ACTION, AGENT, BLOCK, read_frames
 from cotlearn.robots.episodes.replay import read_buffer
-from cotlearn.validation import check_count, check_matrix, check_same_rows
+from cotlearn.validation import check_count, check_matrix, check_real, check_same_rows
 
 MOST_LABELS = 64  #: distinct values of a vector of labels
 EXPECTED = "an .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr"
@@ -85,7 +85,7 @@ def from_arrays(
         TypeError: an array does not hold numbers.
         ValueError: shapes do not match, or values are not finite; says which and where.
     """
-    condition = np.asarray(c)
+    condition = check_real(c, "c", "fiubUS")
     labels = condition.ndim == 1 and condition.dtype.kind in "UiubS"
     if labels:
         found, index = np.unique(condition, return_inverse=True)
@@ -98,7 +98,7 @@ def from_arrays(
     data = Dataset(_numbers(x1, "x1"), _numbers(condition, "c"), name)
     k = data.condition_dim
     words = f"{k} labels" if labels else f"conditions of {k} numbers"
-    together = np.arange(len(data)) if group is None else np.asarray(group)
+    together = np.arange(len(data)) if group is None else check_real(group, "group", "fiubUS")
     if together.shape != (len(data),):
         raise ValueError(f"group must have shape ({len(data)},), got {together.shape}")
     _, together = np.unique(together, return_inverse=True)
@@ -121,7 +121,11 @@ def from_episodes(
         predict: number of actions in x1.
         name: name of the data.
     """
-    seen, done, last = _numbers(state, "state"), _numbers(action, "action"), np.asarray(ends)
+    seen, done, last = (
+        _numbers(state, "state"),
+        _numbers(action, "action"),
+        check_real(ends, "ends"),
+    )
     check_same_rows(seen, "state", done, "action")
     rising = last.ndim == 1 and last.dtype.kind in "iu" and len(last) > 0
     if not rising or last[-1] != len(seen) or (np.diff(last.astype(int), prepend=0) < 1).any():
@@ -140,9 +144,7 @@ def from_episodes(
 
 def _numbers(value: ArrayLike, name: str) -> Tensor:
     """Numbers as a finite float32 tensor (n, k)."""
-    array = np.asarray(value)
-    if array.dtype.kind not in "fiub":
-        raise TypeError(f"{name} must hold real numbers, got {array.dtype}")
+    array = check_real(value, name)
     if array.size == 0 or array.ndim == 0:
         raise ValueError(f"{name} must have rows, got shape {array.shape}")
     rows = torch.from_numpy(array.reshape(len(array), -1).astype(np.float64))
@@ -154,7 +156,7 @@ def _read_npz(path: Path) -> Rows:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {key: stored[key] for key in ("x1", "c", "group") if key in stored}
             names = stored.files
-    except (zipfile.BadZipFile, EOFError, OSError, ValueError) as error:
+    except (zipfile.BadZipFile, EOFError, OSError, ValueError, MemoryError) as error:
         raise ValueError(
             f"{path} is damaged, no .npz file, or holds Python objects: {error}"
         ) from error

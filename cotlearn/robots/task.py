@@ -7,6 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cotlearn.validation import check_real
+
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-6  #: tolerance of limits, for rounding in single precision
@@ -193,11 +195,9 @@ def check_numbers(values: Any, limits: ArrayLike, name: str, *, shape: tuple[int
         TypeError: values are not real numbers.
         ValueError: values have another shape, are not finite or lie outside the limits.
     """
-    array = np.asarray(values)
+    array = check_real(values, name, "fiu")
     if array.shape != shape:
         raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
-    if array.dtype.kind not in "fiu":
-        raise TypeError(f"{name} must be real numbers, got {array.dtype}")
     array = array.astype(np.float64)
     if not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite, got {array[~np.isfinite(array)].tolist()}")

@@ -199,10 +199,10 @@ def test_pictures_show_what_is_where():
         ([1.0, 512.5], ValueError, "clip them"),
         ([1.0], ValueError, r"action must have shape \(2,\), got \(1,\)"),
         ([[1.0, 2.0]], ValueError, r"got \(1, 2\)"),
-        (["left", "up"], TypeError, "action must be real numbers, got <U4"),
+        (["left", "up"], TypeError, r"action must hold real numbers, got \['left', 'up'\]"),
         ([True, False], TypeError, "got bool"),
         ([1j, 1.0], TypeError, "got complex128"),
-        (None, ValueError, r"got \(\)"),
+        (None, TypeError, "got None"),
     ],
 )
 def test_bad_actions(action, error, message):

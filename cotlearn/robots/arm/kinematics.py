@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cotlearn.robots.arm.task import HIGH, LOW, TOOL
 from cotlearn.robots.task import Array
+from cotlearn.validation import check_array
 
 JOINTS = 7
 _A = np.array([0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088])
@@ -69,6 +70,10 @@ class Chain:
 
 def forward(joints: Array) -> Chain:
     """Forward kinematics of joint angles (n, 7), in radians."""
+    return _chain(check_array(joints, "joints", (None, JOINTS)))
+
+
+def _chain(joints: Array) -> Chain:
     cos, sin = np.cos(joints), np.sin(joints)
     frames = np.zeros((len(joints), JOINTS, 3, 3))  # at first relative to the previous joint
     frames[..., 0, 0], frames[..., 0, 1] = cos, -sin
@@ -137,7 +142,7 @@ def solve(targets: Array, start: Array | None = None) -> Solution:
     rows = np.arange(len(q))
     limit = 100 if start is None else 20
     for count in range(limit + 1):
-        chain = forward(q[rows])
+        chain = _chain(q[rows])
         away = targets[rows] - chain.tip
         error[rows] = np.linalg.norm(away, axis=1)
         sine = np.linalg.norm(chain.down[:, :2], axis=1)

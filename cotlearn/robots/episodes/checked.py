@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.robots.task import Array, Task
-from cotlearn.validation import check_count
+from cotlearn.validation import check_count, check_real
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,7 @@ class Episodes:
 
     def _set(self, name: str, kinds: str, shape: tuple[int, ...]) -> NDArray[Any]:
         """Convert a field to float64 or int64 if its type and shape are right."""
-        array = np.asarray(getattr(self, name))
-        wanted = "integers" if kinds == "iu" else "real numbers"
-        if array.dtype.kind not in kinds:
-            raise TypeError(f"{self.name}: {name} must hold {wanted}, got {array.dtype}")
+        array = check_real(getattr(self, name), f"{self.name}: {name}", kinds)
         if array.shape != shape:
             raise ValueError(f"{self.name}: {name} has shape {array.shape}, expected {shape}")
         array = array.astype(np.int64 if kinds == "iu" else np.float64)
@@ -128,6 +125,7 @@ def split(
         ValueError: held_out or train exceeds the number of episodes.
     """
     check_count(held_out, "held_out")
+    check_count(seed, "seed", minimum=0)
     rest = len(episodes) - held_out
     if rest < 1:
         raise ValueError(f"held_out must be below the {len(episodes)} episodes, got {held_out}")

@@ -24,7 +24,7 @@ from cotlearn.robots.episodes.checked import Episodes
 from cotlearn.robots.registry import TASKS
 
 Arrays = dict[str, NDArray[Any]]
-_NO_ZIP = (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
+_NO_ZIP = (OSError, MemoryError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 def read_npz(path: str | Path) -> Episodes:

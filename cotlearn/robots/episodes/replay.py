@@ -39,5 +39,5 @@ def read_buffer(path: str | Path, states: Sequence[str] = ("data/state",)) -> tu
             if missing := [name for name in names if name not in group]:
                 raise ValueError(f"{path} has no {', no '.join(missing)}: it is no replay buffer")
             return tuple(np.asarray(group[name][:]) for name in names)
-    except (OSError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
+    except (OSError, MemoryError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} is damaged or not a zarr group: {error}") from error

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from cotlearn.robots.plane import rotate
 from cotlearn.robots.push_t.task import AREA, GOAL, OUTLINE, RECTANGLES
 from cotlearn.robots.task import Array
+from cotlearn.validation import check_array
 
 _COS_GOAL, _SIN_GOAL = math.cos(GOAL[2]), math.sin(GOAL[2])
 #: Farther from the goal than twice the reach of the T, nothing is covered.
@@ -38,7 +39,7 @@ def corners(pose: ArrayLike, points: ArrayLike = OUTLINE) -> Array:
     Returns:
         (..., m, 2).
     """
-    pose, points = np.asarray(pose, dtype=np.float64), np.asarray(points, dtype=np.float64)
+    pose, points = check_array(pose, "pose", (..., 3)), check_array(points, "points", (..., 2))
     angle = pose[..., 2, None]
     return rotate(points, np.cos(angle), np.sin(angle)) + pose[..., None, :2]
 
@@ -52,7 +53,7 @@ def coverage(pose: ArrayLike) -> Array:
     Returns:
         (...), in [0, 1].
     """
-    pose = np.asarray(pose, dtype=np.float64)
+    pose = check_array(pose, "pose", (..., 3))
     each = [coverage_of_one(*one) for one in pose.reshape(-1, 3).tolist()]
     return np.array(each).reshape(pose.shape[:-1])
 
@@ -64,7 +65,7 @@ def nearest_side(agent: ArrayLike, pose: ArrayLike) -> NDArray[np.int64]:
         agent: (n, 2), places in the world.
         pose: (n, 3), x, y and angle of the T.
     """
-    point = np.asarray(agent)[:, None]
+    point = check_array(agent, "agent", (None, 2))[:, None]
     first = corners(pose)
     along = np.roll(first, -1, axis=1) - first
     share = ((point - first) * along).sum(axis=-1) / (along**2).sum(axis=-1)

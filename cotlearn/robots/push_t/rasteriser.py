@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from cotlearn.robots.push_t import task
+from cotlearn.validation import check_real
 
 Colour = tuple[int, int, int]
 
@@ -39,7 +40,8 @@ def rasterise(states: ArrayLike | Tensor, *, size: int = 96) -> Tensor:
     Returns:
         (n, size, size, 3) uint8, on the device of the states.
     """
-    values = torch.as_tensor(states if isinstance(states, Tensor) else np.asarray(states)).float()
+    given = states if isinstance(states, Tensor) else check_real(states, "states")
+    values = torch.as_tensor(given).float()
     image = torch.empty(len(values), 3, size, size, dtype=torch.uint8, device=values.device)
     rows = max(1, _AT_ONCE // size**2)
     for part, some in zip(image.split(rows), values.split(rows), strict=True):

@@ -1,0 +1,89 @@
+"""Commands that cannot do their work say so in one sentence, before the work where it is known."""
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+import typer
+from safetensors import SafetensorError
+from typer.testing import CliRunner
+
+from cotlearn import assets, cli, doctor, storage
+
+
+def refused(*arguments):
+    result = CliRunner().invoke(cli.app, list(map(str, arguments)))
+    assert result.exit_code == 2, result.output
+    assert isinstance(result.exception, SystemExit)
+    assert result.output.count("\n") == 1
+    return result.output
+
+
+@pytest.fixture
+def empty(tmp_path, monkeypatch):
+    """A course without notebooks and data."""
+    monkeypatch.setattr(assets, "course_folder", lambda: tmp_path)
+    return tmp_path
+
+
+def test_a_course_without_files_is_not_well(empty):
+    assert not doctor.check_data().ok
+    assert "SHA256SUMS" in doctor.check_data().found
+    assert not doctor.check_notebooks().ok
+    assert "there are no notebooks in" in refused("run")
+
+
+def test_an_empty_list_of_sums_vouches_for_nothing(empty):
+    (empty / "data").mkdir()
+    (empty / "data" / "a.npz").touch()
+    (empty / "data" / assets.SUMS).touch()
+    assert not doctor.check_data().ok
+    with pytest.raises(ValueError, match="data/SHA256SUMS is empty, so no file can be checked"):
+        assets.find_data("a.npz")
+
+
+@pytest.mark.parametrize("command", [("train", "push-t"), ("demos", "push-t"), ("report", "a.npz")])
+def test_out_is_looked_at_before_the_work(command, tmp_path):
+    assert "out must be a file, got the folder" in refused(
+        *command, "--out", tmp_path
+    ) or "out must be a file in a folder" in refused(*command, "--out", tmp_path)
+
+
+def test_pages_and_tables_are_looked_at_before_the_work(tmp_path):
+    (file := tmp_path / "file").touch()
+    assert "html cannot be written to" in refused("run", "00", "--html", file)
+    assert "cannot be written to" in refused("bench", "push-t", "--folder", file)
+
+
+def test_a_file_that_claims_many_rows(tmp_path):
+    header = io.BytesIO()
+    shape = {"descr": "<f8", "fortran_order": False, "shape": (10**12, 100)}
+    np.lib.format.write_array_header_1_0(header, shape)
+    path = tmp_path / "large.npz"
+    with zipfile.ZipFile(path, "w") as file:
+        for name in ("x1", "c"):
+            file.writestr(f"{name}.npy", header.getvalue())
+    assert "is damaged" in refused("report", path, "--out", tmp_path / "a.html")
+    assert "is damaged" in refused("train", "push-t", "--data", path, "--out", tmp_path / "a")
+
+
+def test_a_full_disk(tmp_path, monkeypatch):
+    def full(*arguments, **options):
+        raise SafetensorError("No space left on device")
+
+    monkeypatch.setattr(storage, "save_file", full)
+    with pytest.raises(OSError, match="a cannot be written: No space left on device"):
+        storage.save_tensors(tmp_path / "a", {}, {})
+    with pytest.raises(typer.Exit), cli.terminal.reported():
+        raise MemoryError("Unable to allocate 7 TiB")
+
+
+@pytest.mark.parametrize("option", ["--seconds", "--gigabytes"])
+def test_limits_are_finite(option, tmp_path):
+    assert f"{option[2:]} must be at least" in refused("grade", tmp_path, option, "inf")
+
+
+def test_feedback_does_not_go_to_the_hand_ins(tmp_path):
+    (folder := tmp_path / "in").mkdir()
+    assert "out must have another name" in refused("grade", folder, "--out", tmp_path / "in.csv")
