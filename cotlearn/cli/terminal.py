@@ -13,7 +13,10 @@ console = Console(highlight=False, soft_wrap=True)
 
 def stop(message: str) -> NoReturn:
     """Ends the command with a message and the exit code 2."""
-    Console(stderr=True, highlight=False, soft_wrap=True).print(f"[red]error:[/] {escape(message)}")
+    from cotlearn.homework.registry import printable
+
+    text = escape("\n".join(printable(line, 5000) for line in message.splitlines()))
+    Console(stderr=True, highlight=False, soft_wrap=True).print(f"[red]error:[/] {text}")
     raise typer.Exit(2)
 
 

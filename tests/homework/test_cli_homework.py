@@ -4,6 +4,7 @@ import handed_in
 import pytest
 from typer.testing import CliRunner
 
+from cotlearn import assets
 from cotlearn.cli import app
 from cotlearn.homework import progress
 
@@ -58,3 +59,24 @@ def test_grade(tmp_path):
     assert code == 0
     assert "1 files, 0 of them known from before, 1 could not be graded" in text
     assert (tmp_path / "grades.csv").exists()
+
+
+def test_a_course_without_notebooks(tmp_path, monkeypatch):
+    monkeypatch.setattr(assets, "course_folder", lambda: tmp_path)
+    for command in ("progress", "run"):
+        code, text = run(command)
+        assert code == 2
+        assert "there are no notebooks in" in text
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "a.ipynb").write_text("{")
+    code, text = run("grade", tmp_path / "in", "--out", tmp_path / "grades.csv")
+    assert code == 2
+    assert "there is no master notebook" in text
+
+
+def test_names_cannot_steer_the_terminal(tmp_path):
+    path = tmp_path / "\x1b[31m.ipynb"
+    path.write_text("{")
+    text = run("check", path)[1]
+    assert r"\x1b[31m" in text
+    assert "\x1b" not in text
