@@ -122,7 +122,7 @@ def test_starts_are_those_of_the_environment():
             ValueError,
             r"actions of the policy must lie between \[0.0, 0.0\] and \[512.0, 512.0\]",
         ),
-        (np.full((2, 4, 2), "left"), TypeError, "actions of the policy must be real numbers"),
+        (np.full((2, 4, 2), "left"), TypeError, "actions of the policy must hold real numbers"),
     ],
 )
 def test_bad_policies(actions, error, message):

@@ -122,7 +122,7 @@ def test_bad_actions():
         env.step(np.array([5.0, 0.0, 0.1]))
     with pytest.raises(ValueError, match=r"action must have shape \(3,\), got \(2,\)"):
         env.step(np.zeros(2))
-    with pytest.raises(TypeError, match="action must be real numbers"):
+    with pytest.raises(TypeError, match="action must hold real numbers"):
         env.step(np.array(["a", "b", "c"]))
 
 
