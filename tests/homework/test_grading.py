@@ -15,6 +15,7 @@ from handed_in import EULER, PAIR
 from cotlearn.homework import grading
 from cotlearn.homework.isolation import Limits
 
+pytestmark = pytest.mark.slow
 LIMITS = Limits(seconds=1, gigabytes=1)
 EACH = ["4", "4", "0", "4"]  #: points of `handed_in.answers`
 POINTS = ["12", "17", "71"]

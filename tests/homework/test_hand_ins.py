@@ -5,15 +5,17 @@ import os
 import socket
 import subprocess
 import sys
+from multiprocessing import forkserver
 
 import handed_in
 import pytest
 from handed_in import EULER
 
-from cotlearn.homework import answering, grading
+from cotlearn.homework import answering, grading, isolation
 from cotlearn.homework.isolation import Limits
 from cotlearn.homework.registry import printable
 
+pytestmark = pytest.mark.slow
 LIMITS = Limits(seconds=2, gigabytes=1)
 POINTS = [0, 4, 0, 0]  #: of `only`
 
@@ -183,6 +185,8 @@ def test_asserts_of_hidden_tests_stay(tmp_path):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_an_answer_gets_no_environment_no_tests_and_no_large_files(tmp_path):
+    forkserver._forkserver._stop()  # another test may have started it with the environment
+    isolation._context.cache_clear()
     answer = f"""import os
 known = set(os.environ)
 with open("/proc/self/environ") as f:

@@ -7,6 +7,7 @@ from handed_in import EULER
 from cotlearn.homework.isolation import Limits
 from cotlearn.homework.marking import mark
 
+pytestmark = pytest.mark.slow
 STEP = EULER.replace("x = x0", "x = x0 * ONE")
 HONEST = {
     "a dictionary filled later": (

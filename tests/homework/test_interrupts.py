@@ -11,7 +11,10 @@ import handed_in
 import pytest
 from handed_in import EULER
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
+]
 CODES = {130, -signal.SIGINT}  # the same for a shell
 START = 120  # seconds, on a very busy machine
 
