@@ -174,8 +174,14 @@ def fit(
 def _name(loss: Loss) -> str:
     """A loss as a checkpoint records it: a function's name, or an object's parameters."""
     owner = getattr(loss, "__self__", None)
-    name = str(getattr(loss, "__qualname__", repr(loss)))
-    return name if owner is None else f"{owner!r}: {name}"
+    name = str(getattr(loss, "__qualname__", None) or _printed(loss))
+    return name if owner is None else f"{_printed(owner)}: {name}"
+
+
+def _printed(value: Any) -> str:
+    """An object's repr, or its class where the repr is an address that changes with the process."""
+    kind = type(value)
+    return kind.__qualname__ if kind.__repr__ is object.__repr__ else repr(value)
 
 
 def _start(network: nn.Module, coupling: Coupling, plan: dict[str, Any]) -> _State:

@@ -480,6 +480,16 @@ def test_a_checkpoint_knows_what_a_loss_does(tmp_path):
         train(loss=scaled(3.0), checkpoint=path)
 
 
+def test_a_loss_without_a_repr_resumes_in_another_process(tmp_path):
+    class Plain:
+        def __call__(self, network, pairs, generator):
+            return conditional_flow_matching_loss(network, pairs, generator)
+
+    path = tmp_path / "run.safetensors"
+    first, another = train(loss=Plain(), checkpoint=path), Plain()  # at another address
+    assert_same(train(loss=another, checkpoint=path), first)
+
+
 def test_another_file_is_no_checkpoint(tmp_path):
     path = tmp_path / "notes.txt"
     path.write_text("what I learned")
