@@ -180,8 +180,8 @@ def _name(loss: Loss) -> str:
 
 def _printed(value: Any) -> str:
     """An object's repr, or its class where the repr is an address that changes with the process."""
-    kind = type(value)
-    return kind.__qualname__ if kind.__repr__ is object.__repr__ else repr(value)
+    kind: Any = type(value)
+    return str(kind.__qualname__) if kind.__repr__ is object.__repr__ else repr(value)
 
 
 def _start(network: nn.Module, coupling: Coupling, plan: dict[str, Any]) -> _State:
