@@ -34,7 +34,15 @@ def course_folder() -> Path:
 
 def notebooks() -> list[Path]:
     """Returns the numbered notebooks of the course in reading order."""
-    folder = course_folder() / "notebooks"
+    return _numbered(course_folder() / "notebooks")
+
+
+def extras() -> list[Path]:
+    """Returns the short notebooks around the subject, in `notebooks/extras/`, in order."""
+    return _numbered(course_folder() / "notebooks" / "extras")
+
+
+def _numbered(folder: Path) -> list[Path]:
     return sorted(path for path in folder.glob("*.ipynb") if _NUMBERED.fullmatch(path.name))
 
 
@@ -42,8 +50,8 @@ def find_notebook(name: str) -> Path:
     """Finds a notebook by number, name or path.
 
     Args:
-        name: A number ("00"), a name ("00_start_here", with or without ".ipynb"), or the path of
-            any notebook.
+        name: A number ("00"), a name ("00_start_here", with or without ".ipynb"), either after
+            "extras/" for the notebooks there, or the path of any notebook.
 
     Returns:
         The path of an existing notebook.
@@ -55,8 +63,9 @@ def find_notebook(name: str) -> Path:
     if path.suffix == ".ipynb" and path.is_file():
         return path
     stem = path.name.removesuffix(".ipynb")
-    available = {item.stem: item for item in notebooks()}
-    if str(path.parent) in {".", "notebooks"}:
+    inside = path.parent.name == "extras"
+    available = {item.stem: item for item in (extras() if inside else notebooks())}
+    if path.parent.as_posix() in {".", "notebooks", "extras", "notebooks/extras"}:
         for key, item in available.items():
             if stem == key or (stem.isdigit() and int(stem) == int(key[:2])):
                 return item
@@ -140,7 +149,9 @@ def _sha256(path: Path) -> str:
 
 
 def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Copies notebooks and homework into `folder` without overwriting existing files.
+    """Copies all notebooks into `folder` without overwriting existing files.
+
+    Homework goes beside the numbered notebooks, the extras into a folder `extras`.
 
     Args:
         folder: The destination; created if it does not exist.
@@ -156,8 +167,10 @@ def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
     folder.mkdir(parents=True, exist_ok=True)
     homework = sorted((course_folder() / "notebooks" / "homework" / "student").glob("*.ipynb"))
     copied, kept = [], []
-    for source in [*notebooks(), *homework]:
-        target = folder / source.name
+    places = {source: folder / source.name for source in [*notebooks(), *homework]}
+    places |= {source: folder / "extras" / source.name for source in extras()}
+    for source, target in places.items():
+        target.parent.mkdir(exist_ok=True)
         if target.exists():
             kept.append(target)
         else:

@@ -142,9 +142,8 @@ def to_html(run: Run, folder: Path) -> Path:
     """
     page = folder / f"{run.path.stem}.html"
     body = _as_html(run.notebook, run.path.stem)
-    # Links between notebooks become links between pages.
-    for other in run.path.parent.glob("*.ipynb"):
-        body = body.replace(f'href="{other.name}', f'href="{other.stem}.html')
+    # Links between notebooks, also from and to a folder, become links between pages.
+    body = re.sub(r'href="(?:[\w.-]+/)?([\w.-]+)\.ipynb', r'href="\1.html', body)
     write_text(page, body)
     return page
 

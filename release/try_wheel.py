@@ -81,8 +81,8 @@ def notebooks() -> None:
     folder = Path("my course")
     listed = "--version"  # JupyterLab's own option: it says its version instead of opening
     command("lab", "--to", str(folder), listed)
-    copied = sorted(folder.glob("*.ipynb"))
-    expected = [path.name for path in assets.notebooks()]
+    copied = sorted(folder.rglob("*.ipynb"))
+    expected = [path.name for path in [*assets.notebooks(), *assets.extras()]]
     students = [path.name for path in copied if path.name.startswith("hw")]
     say(f"lab copied {len(copied)} notebooks", [p.name for p in copied] == expected + students)
     say(f"{len(students)} of them homework", len(students) >= 4)

@@ -14,6 +14,8 @@ def course(tmp_path, monkeypatch):
     (root / "notebooks").mkdir(parents=True)
     for name in ("00_start_here", "01_first", "10_last", "scratch"):
         (root / "notebooks" / f"{name}.ipynb").write_text("{}")
+    (root / "notebooks" / "extras").mkdir()
+    (root / "notebooks" / "extras" / "01_aside.ipynb").write_text("{}")
     (root / "data" / "deep").mkdir(parents=True)
     (root / "data" / "deep" / "table.npz").write_bytes(b"1")
     (root / "secret.txt").write_text("outside data")
@@ -32,6 +34,12 @@ def test_notebooks_come_in_order_and_only_the_numbered(course):
 )
 def test_a_notebook_has_many_names(course, name):
     assert assets.find_notebook(name) == course / "notebooks" / "00_start_here.ipynb"
+
+
+@pytest.mark.parametrize("name", ["extras/1", "extras/01_aside", "notebooks/extras/01_aside.ipynb"])
+def test_an_extra_has_many_names(course, name):
+    assert assets.find_notebook(name) == assets.extras()[0]
+    assert assets.find_notebook("01").stem == "01_first"
 
 
 def test_any_path_of_a_notebook_will_do(course):
@@ -116,7 +124,8 @@ def test_copies_never_overwrite(course, tmp_path):
     target.mkdir()
     (target / "01_first.ipynb").write_text("my work")
     copied, kept = assets.copy_notebooks(target)
-    assert [path.name for path in copied] == ["00_start_here.ipynb", "10_last.ipynb"]
+    names = [path.relative_to(target).as_posix() for path in copied]
+    assert names == ["00_start_here.ipynb", "10_last.ipynb", "extras/01_aside.ipynb"]
     assert [path.name for path in kept] == ["01_first.ipynb"]
     assert (target / "01_first.ipynb").read_text() == "my work"
     assert assets.copy_notebooks(target)[0] == []

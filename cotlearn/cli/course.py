@@ -85,7 +85,8 @@ def run(
         from cotlearn import execution
         from cotlearn.validation import check_output
 
-        paths = [assets.find_notebook(name) for name in notebook or []] or assets.notebooks()
+        paths = [assets.find_notebook(name) for name in notebook or []]
+        paths = paths or [*assets.notebooks(), *assets.extras()]
         if not paths:
             raise ValueError(
                 f"there are no notebooks in {assets.course_folder()}; get the course again"

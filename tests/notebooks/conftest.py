@@ -5,11 +5,18 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 NOTEBOOKS = sorted(ROOT.glob("notebooks/[0-9][0-9]_*.ipynb"))
+NOTEBOOKS += sorted(ROOT.glob("notebooks/extras/*.ipynb"))
 
 
 @pytest.fixture(params=NOTEBOOKS, ids=lambda path: path.stem)
 def path(request):
     return request.param
+
+
+@pytest.fixture
+def extra(path):
+    """Whether it is one of the short notebooks around the subject."""
+    return path.parent.name == "extras"
 
 
 @pytest.fixture

@@ -4,6 +4,8 @@ import json
 import re
 from pathlib import Path
 
+import pytest
+
 MACHINE_PATH = re.compile(
     r"(?<![\w.])/(?:home|root|Users|tmp|work|opt|private|var/folders)/|[A-Z]:\\Users|site-packages"
 )
@@ -48,17 +50,18 @@ def test_the_first_four_notebooks_are_there():
     assert len(numbers) == len(set(numbers))
 
 
-def test_opening(cells, path):
+def test_opening(cells, path, extra):
     assert cells[0].cell_type == "markdown"
     title, claim, *_ = [line for line in cells[0].source.splitlines() if line.strip()]
-    assert re.fullmatch(rf"# {path.name[:2]} · \S.*", title), "title is '# NN · Title'"
+    number = f"Extra {int(path.name[:2])}" if extra else path.name[:2]
+    assert re.fullmatch(rf"# {number} · \S.*", title), "title is '# NN · Title'"
     assert re.fullmatch(r"\*\*[^*].*\*\*", claim), "after the title: one bold sentence, the claim"
     first_code = code(cells)[0][0]
     opening = "\n\n".join(cell.source for cell in cells[:first_code])
     learn = opening.split("**You will learn**", 1)
-    assert len(learn) == 2, "'**You will learn**' is missing"
-    bullets = re.findall(r"^[-*] \S", learn[1].split("**Time**")[0], flags=re.MULTILINE)
-    assert len(bullets) == 3, f"'You will learn' has {len(bullets)} bullets, not 3"
+    assert extra or len(learn) == 2, "'**You will learn**' is missing"
+    bullets = re.findall(r"^[-*] \S", learn[-1].split("**Time**")[0], flags=re.MULTILINE)
+    assert extra or len(bullets) == 3, f"'You will learn' has {len(bullets)} bullets, not 3"
     assert re.search(r"\*\*Time\*\*.*\d", opening), "'**Time**' with numbers is missing"
     assert re.search(r"\*\*Needs\*\*.*\w", opening), "'**Needs**' is missing"
 
@@ -81,19 +84,28 @@ def test_closing(cells):
         assert "claim(" in cells[i].source, f"cell {i} is tagged 'claim' and claims nothing"
 
 
-def test_exercises(cells):
+def test_exercises(cells, extra):
     stubs = tagged(cells, "exercise")
     turns = [c for c in cells if c.cell_type == "markdown" and "### Your turn" in prose(c)]
-    assert len(stubs) >= 2, f"{len(stubs)} exercises, not two or more"
+    assert len(stubs) >= 2 - extra, f"{len(stubs)} exercises are too few"
     assert len(turns) == len(stubs), "each exercise has a heading '### Your turn'"
     for i in stubs:
         check, solution = cells[i + 1], cells[i + 2]
         assert "check" in check.metadata.get("tags", []), f"cell {i + 1} is not tagged 'check'"
-        assert "check(" in check.source
+        assert extra or "check(" in check.source
         assert solution.cell_type == "markdown", f"cell {i + 2} is not a solution"
         assert "<details><summary>Solution</summary>" in solution.source
         assert "```python" in solution.source
         assert "</details>" in solution.source
+
+
+def test_extras_are_short(cells, extra):
+    if not extra:
+        pytest.skip("no extra")
+    words = " ".join(prose(cell) for cell in cells if cell.cell_type == "markdown").split()
+    assert len(cells) <= 20
+    assert len(words) <= 900
+    assert max(len(line) for _, cell in code(cells) for line in cell.source.splitlines()) <= 80
 
 
 def test_code_cells_are_short_and_were_run_in_order(cells):

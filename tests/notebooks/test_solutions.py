@@ -13,13 +13,13 @@ FENCED = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 
 def exercises(cells):
-    """Yields (stub, [(answer, name), ...] of its check cell, solution)."""
+    """Yields (stub, source of its check cell, solution)."""
     for i, cell in enumerate(cells):
         if "exercise" in cell.metadata.get("tags", []):
             folded = SOLUTION.search(cells[i + 2].source)
             assert folded, f"cell {i + 2} holds no solution"
             solution = "\n".join(FENCED.findall(folded[1]))
-            yield cell.source, checks(cells[i + 1].source), solution
+            yield cell.source, cells[i + 1].source, solution
 
 
 def checks(source):
@@ -33,28 +33,44 @@ def checks(source):
     return calls
 
 
-def verdicts(source, calls):
+def verdicts(source, checking):
     namespace = {"__name__": "__main__"}
     with mpl.rc_context({"backend": "agg"}):
         exec(PREAMBLE, namespace)
         exec(compile(source, "<cell>", "exec"), namespace)
-        return [check(eval(answer, namespace), name) for answer, name in calls]
+        return [check(eval(answer, namespace), name) for answer, name in checks(checking)]
 
 
-def test_solutions_are_correct(cells, capsys):
-    for _, calls, solution in exercises(cells):
-        found = verdicts(solution, calls)
-        assert found == [Verdict.CORRECT] * len(calls), f"{calls}: {capsys.readouterr().out}"
+def said(cells, source, checking, capsys):
+    """What the check of an extra prints: it is written out there, and needs but the imports."""
+    imports = next(cell.source for cell in cells if cell.cell_type == "code")
+    namespace = {"__name__": "__main__"}
+    with mpl.rc_context({"backend": "agg"}):
+        exec("\n".join([imports, source, checking]), namespace)
+    return capsys.readouterr().out.splitlines()[-1]
 
 
-def test_stubs_are_not_attempted(cells, capsys):
-    for stub, calls, _ in exercises(cells):
-        found = verdicts(stub, calls)
-        expected = [Verdict.NOT_ATTEMPTED] * len(calls)
-        assert found == expected, f"{calls}: {capsys.readouterr().out}"
+def test_solutions_are_correct(cells, extra, capsys):
+    for _, checking, solution in exercises(cells):
+        if extra:
+            assert said(cells, solution, checking, capsys) == "✓ correct"
+            continue
+        found = verdicts(solution, checking)
+        assert set(found) == {Verdict.CORRECT}, f"{checking}: {capsys.readouterr().out}"
 
 
-def test_each_check_belongs_to_its_notebook(cells, path):
-    names = [name for _, calls, _ in exercises(cells) for _, name in calls]
+def test_stubs_are_not_attempted(cells, extra, capsys):
+    for stub, checking, _ in exercises(cells):
+        if extra:
+            assert said(cells, stub, checking, capsys) == "not attempted yet"
+            continue
+        found = verdicts(stub, checking)
+        assert set(found) == {Verdict.NOT_ATTEMPTED}, f"{checking}: {capsys.readouterr().out}"
+
+
+def test_each_check_belongs_to_its_notebook(cells, path, extra):
+    if extra:
+        return
+    names = [name for _, checking, _ in exercises(cells) for _, name in checks(checking)]
     assert len(names) == len(set(names))
     assert {name.split(".")[0] for name in names} == {path.name[:2]}
