@@ -52,5 +52,5 @@ def report(
         write_page(found, out, command=command, model=model)
     for file in out.parent.glob(f"{checkpoints.name}.*.training.safetensors"):
         file.unlink()
-    console.print(f"use: {escape(found.advice.name)}\n{escape(found.verdict())}")
+    console.print(f"{escape(found.headline())}\n{escape(found.verdict())}")
     console.print(f"page: {escape(str(out))}\nmodel: {escape(str(model))}")

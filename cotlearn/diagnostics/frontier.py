@@ -22,7 +22,7 @@ from cotlearn.progress import progress_bar
 from cotlearn.validation import check_count
 
 Interval = tuple[float, float]
-FEWEST = 200  #: rows of data
+FEWEST = 100  #: rows of data
 NEIGHBOURS = 10  #: for the estimates of E[x1 | x0, c] and Var(x1 | x0, c)
 RESAMPLES = 500  #: of the bootstrap
 
@@ -109,7 +109,7 @@ def frontier(
     trade-off closer to the origin.
 
     Args:
-        x1: (N, d) training data, N at least 200.
+        x1: (N, d) training data, N at least 100.
         c: (N, k) their conditions.
         couplings: name -> coupling.
         batch_size: rows of an OT batch, for couplings that pair batches.

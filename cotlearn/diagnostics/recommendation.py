@@ -61,7 +61,7 @@ def recommend(
     Distances are measured from x1 to standard normal noise, so scale x1 to about unit variance.
 
     Args:
-        x1: (N, d), the training data, N at least 200.
+        x1: (N, d), the training data, N at least 100.
         c: (N, k), conditions; standardise them, or `combine` several, first.
         batch_size: rows of an OT batch.
         rows: pairs examined for each candidate in each of three repetitions.
@@ -140,7 +140,13 @@ def _choose(found: Frontier, spread: BetweenWithin) -> tuple[FrontierPoint, str]
     )
     gains = {p.name: gain_over(best, p) for p in clean if p is not best}
     close = [name for name, (gain, error) in gains.items() if gain <= sure * error]
-    reason += f"Not to be told from it: {', '.join(close)}." if close else "All others score worse."
+    reason += (
+        f"Not to be told from it: {', '.join(close)}."
+        if close
+        else "All others without significant skew score worse."
+    )
+    ahead = [p.name for p in found if p.flagged and p.one_step_score < best.one_step_score]
+    reason += f" Left out for their skew, with a better score: {', '.join(ahead)}." * bool(ahead)
     if best.linear_skew is not None and best.linear_skew.flagged:
         reason += (
             f" A regression on the condition explains {100 * best.linear_skew.explained:.1f} % of "

@@ -18,7 +18,7 @@ from cotlearn.report.model import FewStepModel
 from cotlearn.report.sources import Rows
 from cotlearn.validation import check_count
 
-FEWEST = 300  #: rows of a report
+FEWEST, FEWEST_OUT = 100, 20  #: rows to train on, and held out
 MOST = 20_000  #: rows that are trained on; more are left out at random
 NFE = (1, 2, 4, 16)
 DRAWS, TEST_ROWS = 16, 1000  #: samples for each of so many held-out conditions
@@ -35,12 +35,15 @@ class Trial:
         name: "independent", or the recommended coupling's name on the frontier.
         coupling: `Coupling.name`, for its colour.
         scores: (NFE, n) energy score of each held-out row in standard units; small is good.
+        spread: (NFE,) variance of the samples of one condition, summed over columns, mean over
+            conditions.
         model: what was trained.
     """
 
     name: str
     coupling: str
     scores: Tensor
+    spread: Tensor
     model: FewStepModel
 
     def at(self, nfe: int) -> float:
@@ -57,7 +60,7 @@ class Findings:
         train: training rows, standardised.
         test: held-out rows, standardised.
         advice: the result of `recommend`.
-        trials: independent pairs, then the recommended coupling if it is another.
+        trials: independent pairs, then the coupling of `advice` if it is another.
         settings: seed, steps and sizes; JSON-compatible.
     """
 
@@ -69,40 +72,66 @@ class Findings:
     settings: dict[str, Any]
 
     @property
+    def chosen(self) -> Trial:
+        """The recommended coupling's trial if one evaluation gained by it, else independent's."""
+        gain, error = self.gain(1)
+        return self.trials[-1 if gain > 2 * error else 0]
+
+    @property
     def model(self) -> FewStepModel:
-        """The model of the recommended coupling."""
-        return self.trials[-1].model
+        """The model of the chosen trial."""
+        return self.chosen.model
 
     def gain(self, nfe: int) -> tuple[float, float]:
         """Independent's score less the recommended one's at `nfe`, and its standard error."""
         gain = (self.trials[0].scores - self.trials[-1].scores)[NFE.index(nfe)]
         return float(gain.mean()), float(gain.std()) / len(gain) ** 0.5
 
+    def headline(self) -> str:
+        """The gain at one evaluation in percent, and the coupling to use."""
+        free, tried = self.trials[0], self.trials[-1]
+        gain, error = (100 * value / free.at(1) for value in self.gain(1))
+        if tried is free:
+            return "No gain expected: use independent pairs."
+        found = f"{gain:+.1f} % (95 % interval {gain - 2 * error:.1f} to {gain + 2 * error:.1f})"
+        if self.chosen is tried:
+            return f"{found} at one evaluation: use {tried.name}."
+        word = "A loss" if gain < -2 * error else "No gain shown"
+        return f"{word}, {found}, at one evaluation with {tried.name}: use independent pairs."
+
     def verdict(self) -> str:
         """One paragraph: what the trained models say about the recommendation."""
-        free, best = self.trials[0], self.trials[-1]
-        target = free.at(NFE[-1]) if best is free else best.at(1)
+        free, tried = self.trials[0], self.trials[-1]
+        target = free.at(NFE[-1]) if self.chosen is free else tried.at(1)
         needed = next((n for n in NFE if free.at(n) <= target * (1 + NEAR)), None)
-        if best is free:
-            return (
-                f"Independent pairs were trained: {free.at(1):.3g} at one evaluation (that is a "
-                f"regression), {target:.3g} at {NFE[-1]}; {needed} "
-                f"evaluation{'s are' if needed != 1 else ' is'} within 1 % of that."
-            )
+        share = float(free.spread[0] / self.advice.spread.within)  # inf where there is none
+        own = (
+            f"Independent pairs score {free.at(1):.3g} at one evaluation, where their samples have "
+            f"{100 * share:.0f} % of the variance within conditions (a regression: 0 %), and "
+            f"{free.at(NFE[-1]):.3g} at {NFE[-1]}. "
+        )
+        if self.chosen is free:
+            near = f"{needed} evaluation{'s come' if needed != 1 else ' comes'} within 1 % of that."
+            own += "Fewer evaluations score worse by over 1 %." if needed == NFE[-1] else near
+        if tried is free:
+            return own
+        probes = self.advice.frontier[tried.name], self.advice.frontier["independent"]
+        foreseen = 100 - 100 * probes[0].one_step_score / probes[1].one_step_score
         gain, error = self.gain(1)
         kept = "held" if gain > 2 * error else "was refuted" if gain < -2 * error else "is open"
-        words = {None: f"do not reach that with {NFE[-1]}", 1: "reach that with one, too"}
+        first = f"The probe's forecast for {tried.name}, {foreseen:+.1f} %, {kept}"
+        if kept == "is open":
+            least = 200 * error / free.at(1)
+            first += f": {len(self.test)} held-out rows show only gains above {least:.1f} %"
+        if self.chosen is tried:
+            words = {None: f"do not reach that with {NFE[-1]}", 1: "reach that with one, too"}
+            need = words.get(needed, f"need {needed} evaluations for that")
+            own += f"{tried.name} scores {target:.3g} at one; independent pairs {need}."
         late, late_error = self.gain(NFE[-1])
-        ahead = best.name if late > 0 else "independent"
+        ahead = tried.name if late > 0 else "independent"
         better = f"{ahead} is better by {abs(late):.2g}"
         cost = better if abs(late) > 2 * late_error else "no difference shown"
-        return (
-            f"The forecast {kept}: at one evaluation {best.name} scores {target:.3g}, "
-            f"independent pairs {free.at(1):.3g}, a gain of {gain:.3g} (standard error "
-            f"{error:.2g}). Independent pairs "
-            f"{words.get(needed, f'need {needed} evaluations for that')}. "
-            f"At {NFE[-1]} evaluations: {cost}."
-        )
+        return f"{first}. {own} At {NFE[-1]} evaluations: {cost}."
 
 
 def split(rows: Rows, *, seed: int = 0) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -117,9 +146,10 @@ def split(rows: Rows, *, seed: int = 0) -> tuple[NDArray[np.int64], NDArray[np.i
     rng = np.random.default_rng(check_count(seed, "seed", minimum=0))
     out = np.isin(rows.group, rng.permutation(groups)[: groups // 4])
     inside, outside = (rng.permutation(np.flatnonzero(part)) for part in (~out, out))
-    if n < FEWEST or len(inside) < 200 or len(outside) < 20:
+    if len(inside) < FEWEST or len(outside) < FEWEST_OUT:
         raise ValueError(
-            f"{name} has {n} rows, {len(inside)} to train on; at least {FEWEST} and 200 are needed"
+            f"{name} has {n} rows, {len(inside)} to train on and {len(outside)} held out; "
+            f"at least {FEWEST} and {FEWEST_OUT} are needed"
         )
     return inside[:MOST], outside[:TEST_ROWS]
 
@@ -136,7 +166,7 @@ def examine(
     """Diagnose the data, recommend a coupling, train with it and with independent pairs, score.
 
     Args:
-        rows: of `read_data` or `from_arrays`; at least 300.
+        rows: of `read_data` or `from_arrays`; at least 100 to train on and 20 to hold out.
         steps: of each of the two trainings.
         probe_steps: as in `recommend`.
         pairs: rows of pairs that `recommend` looks at.
@@ -174,8 +204,12 @@ def examine(
             seed=seed,
             checkpoint=checkpoints and f"{checkpoints}.{word}.training.safetensors",
         ).network
-        samples = [[integrate(network, z, test.c, nfe=n).x1 for z in noise] for n in NFE]
-        scores = torch.stack([energy_scores(torch.stack(drawn), test.x1) for drawn in samples])
-        trials.append(Trial(name, coupling.name, scores, FewStepModel(network, x, c, about)))
+        samples = [
+            torch.stack([integrate(network, z, test.c, nfe=n).x1 for z in noise]) for n in NFE
+        ]
+        scores = torch.stack([energy_scores(drawn, test.x1) for drawn in samples])
+        spread = torch.stack([drawn.var(dim=0).sum(dim=1).mean() for drawn in samples])
+        model = FewStepModel(network, x, c, about)
+        trials.append(Trial(name, coupling.name, scores, spread, model))
     settings = {"seed": seed, "steps": steps, "probe_steps": probe_steps, "pairs": pairs}
     return Findings(rows, train, test, advice, tuple(trials), settings)

@@ -210,7 +210,7 @@ ONE = {"independent": Independent()}
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (lambda: frontier(X[:150], C[:150], ONE), ValueError, "x1 needs at least 200 rows"),
+        (lambda: frontier(X[:99], C[:99], ONE), ValueError, "x1 needs at least 100 rows"),
         (lambda: frontier(X, C[:9], ONE), ValueError, "c has 9 rows, x1 has 220"),
         (lambda: frontier(X, C / 0, ONE), ValueError, "c has NaN"),
         (lambda: frontier(X, None, ONE), TypeError, "c must be a torch tensor"),

@@ -171,7 +171,7 @@ X, C = torch.randn(220, 2), torch.randn(220, 1)
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (lambda: recommend(X[:150], C[:150]), ValueError, "x1 needs at least 200 rows"),
+        (lambda: recommend(X[:99], C[:99]), ValueError, "x1 needs at least 100 rows"),
         (lambda: recommend(X, C[:9]), ValueError, "c has 9 rows, x1 has 220"),
         (lambda: recommend(X, C[:, 0]), ValueError, "c must have shape"),
         (lambda: recommend(X / 0, C), ValueError, "x1 has NaN"),

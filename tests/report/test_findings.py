@@ -1,13 +1,17 @@
 """The report: its numbers, its page and its model."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from sklearn.datasets import load_digits
 from typer.testing import CliRunner
 
 from cotlearn.cli import app
+from cotlearn.couplings import Independent, StratifiedOT
+from cotlearn.diagnostics import Recommendation, between_within, frontier
 from cotlearn.report import FewStepModel, examine, from_arrays, write_page
 from cotlearn.report.findings import split
 
@@ -36,6 +40,58 @@ def test_the_trials(findings):
     assert gain == pytest.approx(findings.trials[0].at(1) - findings.trials[-1].at(1), abs=1e-6)
     assert error >= 0
     assert "one evaluation" in findings.verdict()
+    falling = replace(findings.trials[0], scores=torch.tensor([[4.0, 4], [3, 3], [2, 2], [1, 1]]))
+    assert "within 1 % of that" not in replace(findings, trials=(falling,)).verdict()  # of itself
+
+
+@pytest.mark.parametrize(
+    ("better", "row_by_row", "headline"),
+    [
+        (0.2, 0.1, r"\+20.0 % \(95 % interval 18.2 to 21.8\) at one evaluation: use COT"),
+        (0.01, 0.1, r"No gain shown, \+1.0 % .* use independent pairs"),
+        (-0.05, 0.1, r"A loss, -5.0 % .* use independent pairs"),
+    ],
+)
+def test_the_trial_decides_and_not_the_forecast(findings, better, row_by_row, headline, tmp_path):
+    """Before, the recommended coupling's model was saved whatever its own trial had shown."""
+    free = replace(findings.trials[0], scores=torch.ones(4, 100))
+    wave = row_by_row * torch.linspace(-1.5, 1.5, 100)
+    tried = replace(findings.trials[-1], name="COT", scores=1 - better - wave.expand(4, 100))
+    advice = replace(findings.advice, name="COT")
+    points = tuple(replace(p, name="COT") if p.name != "independent" else p
+                   for p in findings.advice.frontier)  # fmt: skip
+    advice = replace(advice, frontier=replace(advice.frontier, points=points))
+    found = replace(findings, trials=(free, tried), advice=advice)
+    assert found.chosen is (tried if better == 0.2 else free)
+    assert found.model is found.chosen.model
+    assert re.match(headline, found.headline())
+    page = write_page(found, tmp_path / "r.html", model="m").read_text("utf-8")
+    assert found.headline() in page
+    assert "groups that stay together" not in page  # none were given
+
+
+def test_digits_whose_forecast_is_refuted_get_the_model_of_independent_pairs(monkeypatch):
+    """The lower half given the upper half, where short and long trainings refute the probe."""
+    strata = {"independent": Independent(), "strata": StratifiedOT(32)}
+
+    def advise(x1, c, **options):
+        found = frontier(x1, c, {**strata}, progress=False, **options)
+        return Recommendation("strata", strata["strata"], "", found, between_within(x1, c))
+
+    monkeypatch.setattr("cotlearn.report.findings.recommend", advise)
+    image = load_digits().data
+    found = examine(from_arrays(image[:, 32:], image[:, :32]), steps=100, probe_steps=5, pairs=100)
+    assert found.trials[-1].name == "strata"
+    assert found.model is found.trials[0].model
+    assert found.headline().startswith("A loss")
+    assert "was refuted" in found.verdict()
+
+
+def test_178_rows_get_an_answer():
+    rows = from_arrays(*two_modes(178))
+    found = examine(rows, steps=5, probe_steps=5, pairs=100)
+    assert len(found.train) == 134
+    assert found.headline()
 
 
 def test_the_model_speaks_the_units_of_the_data_and_survives_the_disk(findings, tmp_path):
@@ -79,7 +135,7 @@ def test_a_group_is_never_split():
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
-        (from_arrays(*two_modes(250)), "250 rows, .* at least 300"),
+        (from_arrays(*two_modes(100)), "100 rows, 75 to train on .* at least 100"),
         (from_arrays(*two_modes(), group=np.zeros(400, int)), "1 groups: at least 4"),
         (from_arrays(np.ones((400, 2)), two_modes()[1]), "x1 does not vary"),
     ],
