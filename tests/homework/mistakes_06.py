@@ -50,6 +50,10 @@ def half_square(a, b, x0, x1):
     return (a * x0 + b - x1) ** 2 / 2
 
 
+def gap(a, b, x0, x1):
+    return half_square(a, b, x0, x1) / a
+
+
 MISTAKES = [
     ("06.start_of_line", lambda x, t, slope, curvature: x, "where did it start"),
     ("06.start_of_line", the_end, "where the line ends"),
@@ -87,6 +91,10 @@ MISTAKES = [
         lambda a, b, x0, x1: a * (x0**2 + x1**2) / 2 + b * (x0 + x1) - x0 * x1,
         "that is Psi(x1)",
     ),
+    ("06.gap", lambda a, b, x0, x1: gap(a, b, x0, x1) + a * x0**2 / 2, "1/2 is missing"),
+    ("06.gap", lambda a, b, x0, x1: gap(a, b, x0, x1) + (x1 - b) ** 2 / (2 * a), "the 2 is"),
+    ("06.gap", lambda a, b, x0, x1: half_square(a, b, x0, x1), "the a is missing"),
+    ("06.gap", lambda a, b, x0, x1: gap(a, b, x0, x1) - b * x0, "b x0 is missing"),
     ("06.gap", lambda a, b, x0, x1: 99.0, "expected"),
     ("06.gap", 3.0, "expected a function"),
 ]

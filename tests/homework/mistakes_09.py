@@ -15,6 +15,15 @@ def total(paths, ddof=0):
     return paths.reshape(-1, paths.shape[-1]).var(axis=0, ddof=ddof).sum()
 
 
+def means_apart(paths):
+    return paths.mean(axis=1).var(axis=0, ddof=1).sum() / total(paths)
+
+
+def column_by_column(paths):
+    columns = paths.var(axis=1, ddof=1).mean(axis=0)
+    return 1 - (columns / paths.reshape(-1, paths.shape[-1]).var(axis=0)).mean()
+
+
 MISTAKES = [
     ("09.damped_step", lambda J, e, d: -damped(J, e, d), "target minus tip"),
     ("09.damped_step", lambda J, e, d: np.linalg.pinv(J) @ e, "undamped step"),
@@ -31,6 +40,9 @@ MISTAKES = [
     ("09.between_share", lambda p: 1 - p.var(0, ddof=1).sum(-1).mean() / total(p), "axis 1"),
     ("09.between_share", lambda p: 1 - within(p) / (p**2).sum(-1).mean(), "rows' mean"),
     ("09.between_share", lambda p: 1 - p.var(1, ddof=1).mean() / total(p), "sum the variances"),
+    ("09.between_share", means_apart, "counts part"),
+    ("09.between_share", lambda p: 1 - len(p) * within(p) / total(p), "do not sum"),
+    ("09.between_share", column_by_column, "before you divide"),
     ("09.between_share", lambda p: 0.5, "expected"),
     ("09.between_share", lambda p: p, "one number"),
     ("09.between_share", "half", "expected a function"),

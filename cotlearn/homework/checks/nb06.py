@@ -80,7 +80,7 @@ def uvp(g: torch.Generator) -> Cases:
 @table("06.gap")
 def gap() -> Cases:
     """For Psi(x) = a x^2/2 + b x the Fenchel-Young gap is (a x0 + b - x1)^2/(2 a)."""
-    for a, b, x0, x1 in ((2.0, 1.0, 0.5, 3.0), (0.5, -1.0, 2.0, 1.5), (3.0, 0.0, -1.0, 2.0)):
+    for a, b, x0, x1 in ((2.3, 1.1, 0.7, 3.4), (0.6, -1.3, 1.9, 1.2), (3.0, 0.0, -1.0, 2.0)):
         psi, conjugate, product = a * x0**2 / 2 + b * x0, (x1 - b) ** 2 / (2 * a), x0 * x1
         psi_at_x1 = a * x1**2 / 2 + b * x1
         right = psi + conjugate - product
@@ -91,6 +91,12 @@ def gap() -> Cases:
             "the conjugate knows b: its z solves a z + b = x1": psi + x1**2 / (2 * a) - product,
             "Psi* is <x1, z> - Psi(z): look at its sign": psi - conjugate - product,
             "that is Psi(x1), not Psi*(x1)": psi + psi_at_x1 - product,
+            "Psi(x0) has a x0^2 / 2: a factor 1/2 is missing": right + a * x0**2 / 2,
+            "Psi* = (x1 - b)^2 / (2 a): the 2 is missing": right + conjugate,
+            "Psi* = (x1 - b)^2 / (2 a): the a is missing": right + (a - 1) * conjugate,
+            "Psi* = (x1 - b)^2 / (2 a): divide by a": right + (a**2 - 1) * conjugate,
+            "b x0 is missing in Psi(x0)": right - b * x0,
+            "divide the square by 2 a: the a is missing": a * right,
             "x0 x1 is subtracted": psi + conjugate + product,
         }
         yield Case((a, b, x0, x1), right, wrong, tolerance=1e-5)

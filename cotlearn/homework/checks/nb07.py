@@ -10,7 +10,7 @@ from cotlearn.homework.checks.common import Case, Cases, table, turned
 @table("07.perplexity")
 def perplexity() -> Cases:
     """exp of the entropy, where 0 log 0 = 0."""
-    for row in ([0.5, 0.5], [0.7, 0.2, 0.1], [0.25, 0.25, 0.5], [1.0, 0.0, 0.0], [0.5, 0, 0.5, 0]):
+    for row in ([0.7, 0.2, 0.1], [0.5, 0.5], [0.25, 0.25, 0.5], [1.0, 0.0, 0.0], [0.5, 0, 0.5, 0]):
         p = np.array(row)
         logs = np.log(np.where(p > 0, p, 1))
         entropy = -(p * logs).sum()
@@ -20,6 +20,9 @@ def perplexity() -> Cases:
             "that is the entropy; the perplexity is exp of it": entropy,
             "the entropy has a minus sign: -sum p log p": 1 / right,
             "exp goes with log; 2 ** goes with log2": math.exp(entropy / math.log(2)),
+            "2 ** goes with log2; exp goes with log": 2**entropy,
+            "the entropy is the sum of p log p, not its mean": math.exp(entropy / len(p)),
+            "the entropy is not divided by log k": math.exp(entropy / math.log(len(p))),
             "that counts the possible sides, rare ones in full": (p > 0).sum(),
             "that is 1 / sum p^2, another count of modes": 1 / (p**2).sum(),
             "each log is weighted by its p": math.exp(-logs.sum()),

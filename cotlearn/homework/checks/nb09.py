@@ -36,6 +36,8 @@ def between_share() -> Cases:
         rows = paths.reshape(-1, 2)
         each, total = paths.var(axis=1, ddof=1), rows.var(axis=0).sum()
         within, biased = each.sum(axis=-1).mean(), paths.var(axis=1).sum(axis=-1).mean()
+        columns = each.mean(axis=0) / rows.var(axis=0)
+        deviations = np.sqrt(each).sum(axis=-1).mean() / rows.std(axis=0).sum()
         over = paths.var(axis=0, ddof=1).sum(axis=-1).mean()
         wrong = {
             "that is the share within; the rest lies between": within / total,
@@ -44,6 +46,11 @@ def between_share() -> Cases:
             "that is over conditions; within goes over the draws, axis 1": 1 - over / total,
             "the total is about the rows' mean": 1 - within / (rows**2).sum(axis=1).mean(),
             "sum the variances of the columns, average over conditions": 1 - each.mean() / total,
+            "average over the conditions, do not sum": 1 - conditions * within / total,
+            "sum the variances over the columns before you divide": (1 - columns).mean(),
+            "the variance of the conditions' means counts part of the variance within, too; return "
+            "1 - within / total": paths.mean(axis=1).var(axis=0, ddof=1).sum() / total,
+            "these are standard deviations: take variances": 1 - deviations,
         }
         by_rows = 1 - within / rows.var(axis=0, ddof=1).sum()  # rows - 1 will do
         hint = f"expected {1 - within / total:.4g} for paths of shape {paths.shape}"

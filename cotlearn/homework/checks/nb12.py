@@ -5,40 +5,47 @@ from typing import Any
 import numpy as np
 import torch
 
-from cotlearn.homework.checks.common import Array, Case, Cases, table
+from cotlearn.homework.checks.common import Case, Cases, table
 
 
 @table("12.decide")
 def decide() -> Cases:
     """The best without skew, if it beats independent pairs by two standard errors."""
+    for sure, gains, right in (
+        (9.0, {"naive OT": 0.3, "COT": -0.1, "strata": 0.2}, "strata"),
+        (9.0, {"naive OT": 0.3, "COT": 0.02, "strata": 0.05}, "strata"),
+        (2.2, {"naive OT": 0.3, "COT": 0.02, "strata": -0.05}, "COT"),
+        (2.2, {"naive OT": 3.0, "COT": -0.1, "strata": 0.2}, "strata"),
+        (1.8, {"naive OT": 0.3, "COT": 0.02, "strata": -0.1}, "independent"),
+        (1.8, {"naive OT": 3.0, "COT": 0.2, "strata": -0.1}, "independent"),
+        (9.0, {"naive OT": 0.3, "COT": -0.2}, "independent"),
+    ):
+        yield _decision(gains, right, sure)
+
+
+def _decision(gains: dict[str, float], right: str, sure: float) -> Case:
+    """Scores whose best clean gain is `sure` standard errors."""
     rng = np.random.default_rng(12)
     row = rng.gamma(4.0, 0.25, size=100)  # what every coupling finds hard
-    noise = 0.02 * rng.normal(size=(3, 100))
-    noise -= noise.mean(axis=1, keepdims=True)
-    for gains, right in (
-        ({"naive OT": 0.3, "COT": -0.1, "strata": 0.2}, "strata"),
-        ({"naive OT": 0.3, "COT": 0.05, "strata": 0.02}, "COT"),
-        ({"naive OT": 0.3, "COT": 0.001, "strata": -0.1}, "independent"),
-        ({"naive OT": 0.3}, "independent"),
-    ):
-        others = {name: row - gain + noise[k] for k, (name, gain) in enumerate(gains.items())}
-        yield _decision({"independent": row, **others}, right)
-
-
-def _decision(scores: dict[str, Array], right: str) -> Case:
-    means = {name: values.mean() for name, values in scores.items() if name != "naive OT"}
-    worst = max(means, key=means.__getitem__)
+    wave = np.resize([1.0, -1.0], 100)
+    best = max(gain for name, gain in gains.items() if name != "naive OT")
+    noise = abs(best) / sure * 10 * wave  # of standard error |best| / sure
+    scores = {"independent": row} | {name: row - gain + noise for name, gain in gains.items()}
+    clean = {name: gain for name, gain in gains.items() if name != "naive OT"} | {"independent": 0}
     wrong: dict[str, Any] = {"naive OT is flagged: leave it out first": "naive OT"}
-    if worst != "independent":
+    if (worst := min(clean, key=clean.__getitem__)) not in (right, "independent"):
         wrong["small scores are good"] = worst
-    if right != "independent":
-        wrong[
-            f"{right} is better by many standard errors; take the standard error of the "
-            "differences row by row, std / sqrt(n): the rows are the same"
-        ] = "independent"
-        return Case((scores, {"naive OT"}), right, wrong)
-    hint = "not better than independent pairs by two standard errors: stay with 'independent'"
-    return Case((scores, {"naive OT"}), right, wrong, hint)
+    for name in clean:
+        if name != right and 0 < clean[name] < clean.get(right, 0):
+            wrong[f"{name} is better than independent pairs, but {right} is better still"] = name
+    if right == "independent":
+        hint = f"the best is ahead by {sure} standard errors, not by two: stay with 'independent'"
+        return Case((scores, {"naive OT"}), right, wrong, hint)
+    wrong[
+        f"{right} is the best without a flag, and ahead by {sure} standard errors; take that of "
+        "the differences row by row, std / sqrt(n), because the rows are the same"
+    ] = "independent"
+    return Case((scores, {"naive OT"}), right, wrong)
 
 
 @table("12.guided", seed=12)
@@ -48,6 +55,8 @@ def guided(g: torch.Generator) -> Cases:
     step = with_label - without
     for scale in (2.5, 1.0, 0.0):
         wrong = {
+            "the difference is with the label minus without": without - scale * step,
+            "scale is not used": with_label,
             "this is scale + 1: scale 1 is the velocity with the label": with_label + scale * step,
             "scale 1 is the velocity with the label, 0 without": with_label - scale * step,
             "the velocity without the label is needed, too": scale * with_label,
