@@ -27,7 +27,7 @@ from cotlearn.metrics import squared_w2
 from cotlearn.mixtures import petals
 
 LABELS = (4, 8)
-SCALES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
+SCALES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
 STEPS = (1, 2, 4, 16)
 SETTING = {
     "training_steps": 1000,
