@@ -12,7 +12,7 @@ from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Velocity, squared_error
 
 SPACINGS = ("leading", "trailing")
-PREDICTIONS = ("noise", "data", "velocity")
+PREDICTIONS = ("velocity", "data", "noise")
 LARGEST_BETA = 0.999
 
 

@@ -80,12 +80,13 @@ class Method:
     prepare: Callable[[Run], None] | None = None
 
     def settle(self, options: Options) -> Options:
-        """Fill in this method's default prediction if the options leave it open.
+        """Fill in the prediction: the default if the options leave it open or there is no other.
 
         Raises:
-            ValueError: the method cannot be trained on the prediction of the options.
+            ValueError: the method has several, but not that of the options.
         """
-        wanted = options.prediction or self.predictions[0]
+        one = len(self.predictions) == 1 or not options.prediction
+        wanted = self.predictions[0] if one else options.prediction
         name = f"prediction of {self.name}"
         return replace(options, prediction=check_choice(wanted, name, self.predictions))
 

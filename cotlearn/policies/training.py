@@ -58,7 +58,7 @@ class Options:
         reflow_nfe: evaluations of the teacher per pair.
         camera: makes the images that the policy observes; None: the policy observes the state.
         prediction: what the network predicts, "noise", "data" or "velocity"; "": the first of the
-            method's `predictions`.
+            method's `predictions`. A method with only one of them keeps it.
     """
 
     steps: int = 15_000

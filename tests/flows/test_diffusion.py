@@ -196,7 +196,7 @@ def test_regression_learns_the_conditional_mean():
     [
         (lambda: Diffusion(1), "levels must be at least 2"),
         (lambda: Diffusion(10, clip=0.0), "clip must be above 0"),
-        (lambda: Diffusion(prediction="x0"), "prediction must be one of noise, data, velocity"),
+        (lambda: Diffusion(prediction="x0"), "prediction must be one of velocity, data, noise"),
         (lambda: Diffusion(zero_terminal_snr=True), "prediction must be data or velocity"),
         (lambda: Diffusion(10).ddim_levels(11), "nfe must be at most the 10 levels"),
         (lambda: Diffusion(10).ddim_levels(2, "even"), "spacing must be one of leading, trailing"),

@@ -318,3 +318,14 @@ def test_missing_demonstrations(tmp_path):
     result = invoke("train", "push-t", "--data", tmp_path / "none.npz")
     assert result.exit_code == 2
     assert "no such file" in result.output
+
+
+def test_a_method_settles_what_its_network_predicts():
+    def settled(method, prediction=""):
+        return METHODS[method].settle(Options(prediction=prediction)).prediction
+
+    assert settled("independent") == settled("diffusion") == "velocity"
+    assert settled("independent", "data") == "data"
+    assert settled("behaviour_cloning", "velocity") == "data"  # it has no choice
+    with pytest.raises(ValueError, match="prediction of independent"):
+        settled("independent", "noise")

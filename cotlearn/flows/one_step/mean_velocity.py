@@ -1,0 +1,153 @@
+"""Networks that predict the mean velocity of a jump, so that one evaluation can cross all of it.
+
+The mean velocity from time t to r >= t is u(x, t, r) = (x_r - x_t) / (r - t), along the path of
+the flow that passes x at t.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from cotlearn.couplings.base import Pairs
+from cotlearn.flows.matching import interpolate, squared_error
+from cotlearn.validation import check_count, check_inputs, check_share
+
+
+class MeanVelocity(nn.Module):
+    """A network of mean velocities u, called as u(t, x, c, length) with length = r - t.
+
+    Without a length it is the velocity at time t, which `integrate` can use.
+
+    Args:
+        network: a velocity network; the length becomes the last column of its condition, so its
+            `condition_dim` must be k + 1 for conditions of k columns.
+    """
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network: Any = network
+        self.dim = self.network.dim
+        self.condition_dim = check_count(self.network.condition_dim, "condition_dim") - 1
+
+    def forward(
+        self, t: Tensor, x: Tensor, c: Tensor | None = None, length: Tensor | float = 0.0
+    ) -> Tensor:
+        """The mean velocity (B, d) from t to t + length, each a number or of shape (B,)."""
+        column = torch.as_tensor(length, dtype=x.dtype, device=x.device).expand(len(x))[:, None]
+        return self.network(t, x, column if c is None else torch.cat([c.to(x), column], dim=1))
+
+
+@dataclass(frozen=True)
+class MeanFlow:
+    """The loss of mean flows (Geng 2505.13447, eq. 10, with adaptive weights).
+
+    Along a path, u = v + (r - t) du/dt. The derivative on the right is a forward-mode product of
+    the network with the tangent (1, v, -1) of (t, x, r - t), where v = x1 - x0, and the right side
+    is a fixed target. Where r = t this is flow matching; without such rows, errors proportional to
+    1 / (r - t) satisfy the identity as well.
+
+    Args:
+        share_instant: share of the rows with r = t, in [0, 1].
+        location: of log(t / (1 - t)) and log(r / (1 - r)), which are normal with deviation 1
+            and then sorted. (The paper's -0.4 counts time from the data.)
+        softening: s of the weights 1 / (e + s), with e the squared error of the row.
+    """
+
+    share_instant: float = 0.75
+    location: float = 0.4
+    softening: float = 0.01
+
+    def __post_init__(self) -> None:
+        check_share(self.share_instant, "share_instant")
+
+    def __call__(self, network: MeanVelocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
+        """The weighted squared error of each row, (B,).
+
+        Raises:
+            TypeError: the network has a layer without forward-mode differentiation.
+        """
+        drawn = torch.randn(2, len(pairs), generator=generator).to(pairs.x0) + self.location
+        times = drawn.sigmoid()
+        t, r = times.amin(dim=0), times.amax(dim=0)
+        instant = torch.rand(len(pairs), generator=generator).to(pairs.x0) < self.share_instant
+        length = (r - t).masked_fill(instant, 0.0)
+        x, v = interpolate(pairs.x0, pairs.x1, t), pairs.x1 - pairs.x0
+
+        def of(t: Tensor, x: Tensor, length: Tensor) -> Tensor:
+            return network(t, x, pairs.c, length)
+
+        one = torch.ones_like(t)
+        try:
+            both: Any = torch.func.jvp(of, (t, x, length), (one, v, -one))
+        except (NotImplementedError, RuntimeError) as error:
+            raise TypeError(
+                f"network must allow forward-mode differentiation (torch.func.jvp): {error}"
+            ) from error
+        u, change = both
+        errors = squared_error(u, (v + length[:, None] * change).detach())
+        return errors / (errors.detach() + self.softening)
+
+
+@dataclass(frozen=True)
+class Shortcut:
+    """The loss of shortcut models (Frans 2410.12557, eq. 5): a jump equals two jumps of half.
+
+    The jump is 1, 1/2, 1/4, ... and starts at a multiple of itself. The two halves are the target
+    and get no gradient; the smallest halves have length 0. The other rows are flow matching with
+    length 0.
+
+    Args:
+        share: share of the rows that learn jumps, in [0, 1].
+        levels: the smallest jump is 2^(1 - levels).
+    """
+
+    share: float = 0.125
+    levels: int = 7
+
+    def __post_init__(self) -> None:
+        check_share(self.share, "share")
+        check_count(self.levels, "levels")
+
+    def __call__(self, network: MeanVelocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
+        """The squared error of each row, (B,)."""
+        rows = len(pairs)
+        level = torch.randint(self.levels, (rows,), generator=generator)
+        long = 0.5 ** level.to(pairs.x0)
+        place, drawn = torch.rand(2, rows, generator=generator).to(pairs.x0).unbind()
+        jumps = drawn < self.share
+        t = torch.where(jumps, (place / long).floor() * long, place)
+        length = long.masked_fill(~jumps, 0.0)
+        x, target = interpolate(pairs.x0, pairs.x1, t), pairs.x1 - pairs.x0
+        if jumps.any():
+            with torch.no_grad():
+                half = long[jumps] / 2
+                said = half.masked_fill(level.to(jumps.device)[jumps] == self.levels - 1, 0.0)
+                c = None if pairs.c is None else pairs.c[jumps]
+                first = network(t[jumps], x[jumps], c, said)
+                second = network(t[jumps] + half, x[jumps] + half[:, None] * first, c, said)
+            target = target.index_put((jumps,), (first + second) / 2)
+        return squared_error(network(t, x, pairs.c, length), target)
+
+
+@torch.no_grad()
+def jump(network: MeanVelocity, x0: Tensor, c: Tensor | None = None, *, nfe: int) -> Tensor:
+    """Samples (B, d) by nfe equal jumps from noise.
+
+    Args:
+        network: trained with `MeanFlow` or `Shortcut`.
+        x0: (B, d) noise.
+        c: (B, k), or None.
+        nfe: evaluations of the network.
+
+    Raises:
+        TypeError: the network is not a `MeanVelocity`.
+    """
+    if not isinstance(network, MeanVelocity):
+        raise TypeError(f"network must be a MeanVelocity, got {type(network).__name__}")
+    check_inputs(network, x0, c, "x0")
+    x = x0
+    for step in range(check_count(nfe, "nfe")):
+        x = x + network(step / nfe, x, c, 1 / nfe) / nfe
+    return x

@@ -1,0 +1,220 @@
+"""Losses of few-step models: the flow of a Gaussian, fixed points, known answers."""
+
+import math
+from dataclasses import dataclass, replace
+
+import pytest
+import torch
+from torch import nn
+
+from cotlearn.couplings import Independent, StratifiedOT
+from cotlearn.couplings.base import Pairs
+from cotlearn.datasets import Dataset
+from cotlearn.flows import VelocityMLP, fit, integrate
+from cotlearn.flows.one_step import (
+    Drifting,
+    LearnedSource,
+    MeanFlow,
+    MeanVelocity,
+    Shortcut,
+    TwoPasses,
+    jump,
+    learned_source,
+    learned_source_loss,
+)
+from cotlearn.flows.one_step.drifting import drift
+
+MEAN, SPREAD = 3.0, 0.5
+
+
+def rng(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def gaussian_pairs(n, seed=0):
+    x0, z = torch.randn(2, n, 1, generator=rng(seed), dtype=torch.float64)
+    return Pairs(x0, MEAN + SPREAD * z, None, torch.arange(n), torch.arange(n))
+
+
+@dataclass
+class Exact:
+    """The mean velocity from N(0, 1) to N(MEAN, SPREAD^2), off by `error` sin(x) (1 + length)."""
+
+    error: torch.Tensor | float = 0.0
+
+    def __call__(self, t, x, c=None, length=0.0):
+        t, length = (torch.as_tensor(v, dtype=x.dtype).expand(len(x))[:, None] for v in (t, length))
+
+        def spread(t):
+            return ((1 - t) ** 2 + (t * SPREAD) ** 2).sqrt()
+
+        z = (x - t * MEAN) / spread(t)
+        slope = MEAN + (t * SPREAD**2 - (1 - t)) / spread(t) * z
+        tiny = length < 1e-9
+        some = torch.where(tiny, torch.ones_like(length), length)
+        u = MEAN + (spread(t + some) - spread(t)) / some * z
+        return torch.where(tiny, slope, u) + self.error * x.sin() * (1 + length)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_the_mean_velocity_of_a_gaussian_minimises_the_loss_of_mean_flows(share):
+    error = torch.zeros((), dtype=torch.float64, requires_grad=True)
+    loss = MeanFlow(share, softening=1e6)  # equal weights
+    values = 1e6 * loss(Exact(error), gaussian_pairs(100_000), rng())
+    (slope,) = torch.autograd.grad(values.mean(), error)
+    (wrong,) = torch.autograd.grad(
+        1e6 * loss(Exact(error + 0.3), gaussian_pairs(100_000), rng()).mean(), error
+    )
+    assert abs(slope) < 0.05 < 0.3 < wrong
+
+
+def test_two_halves_of_an_exact_jump_are_the_jump():
+    loss = Shortcut(share=1.0)(Exact(), gaussian_pairs(2000), rng())
+    assert loss.max() < 3e-3  # the smallest halves are velocities
+    assert loss.median() < 1e-20
+    assert Shortcut(share=1.0)(Exact(0.3), gaussian_pairs(2000), rng()).mean() > 0.01
+
+
+def test_without_jumps_both_are_flow_matching_at_length_zero():
+    pairs, seen = gaussian_pairs(500), []
+
+    def network(t, x, c, length):
+        seen.append(length)
+        return Exact()(t, x, c, length)
+
+    Shortcut(share=0.0)(network, pairs, rng())
+    MeanFlow(1.0)(network, pairs, rng())
+    assert all((length == 0).all() for length in seen)
+
+
+@pytest.mark.parametrize("loss", [MeanFlow(), Shortcut(0.25)])
+def test_one_jump_of_a_trained_network(loss):
+    x1 = MEAN + SPREAD * torch.randn(4000, 1, generator=rng())
+    network = MeanVelocity(VelocityMLP(1, 1, width=64, seed=0))
+    data = Dataset(x1)
+    found = fit(network, data, Independent(), steps=600, batch_size=128, loss=loss).network
+    for nfe in (1, 2, 4):
+        drawn = jump(found, torch.randn(4000, 1, generator=rng(1)), nfe=nfe)
+        assert drawn.mean() == pytest.approx(MEAN, abs=0.15)
+        assert 0.15 < drawn.std() < 0.65  # one Euler step of a flow has no spread at all
+    flow = integrate(found, torch.randn(4000, 1, generator=rng(1)), nfe=32).x1
+    assert flow.std() == pytest.approx(SPREAD, abs=0.2)
+
+
+def test_every_loss_trains_on_pairs_of_a_conditional_coupling():
+    x1, c = torch.randn(2, 512, 2, generator=rng())
+    data, mlp = Dataset(x1, c), VelocityMLP(2, 2, width=16, seed=0)
+    for loss, network in (
+        (MeanFlow(), MeanVelocity(VelocityMLP(2, 3, width=16, seed=0))),
+        (Shortcut(), MeanVelocity(VelocityMLP(2, 3, width=16, seed=0))),
+        (TwoPasses(), mlp),
+        (Drifting(4), mlp),
+        (learned_source_loss, LearnedSource(mlp, seed=0)),
+    ):
+        found = fit(network, data, StratifiedOT(8), steps=3, batch_size=64, loss=loss)
+        assert all(torch.isfinite(p).all() for p in found.network.parameters())
+
+
+def test_two_passes_see_zeros_and_then_the_first_answer():
+    seen = []
+
+    def network(t, x, c):
+        seen.append((float(t.reshape(-1)[0]), x))
+        return torch.full_like(x, 2.0)
+
+    pairs = replace(gaussian_pairs(5), c=torch.zeros(5, 1))
+    assert torch.allclose(
+        TwoPasses()(network, pairs, rng()), 2 * (pairs.x1 - 2).square().sum(dim=1)
+    )
+    seen.clear()
+    assert (TwoPasses(0.5).sample(network, pairs.x0, pairs.c) == 2).all()
+    assert [time for time, _ in seen] == [0.0, 0.5]
+    assert (seen[0][1] == 0).all()
+    assert (seen[1][1] == 1).all()
+
+
+def test_drift_vanishes_where_the_samples_have_the_law_of_the_data():
+    data, same = torch.randn(3000, 2, generator=rng()), torch.ones(1, 3000, dtype=torch.bool)
+    alike, moved = torch.randn(2, 1, 3000, 2, generator=rng(1)) + torch.tensor([0, 1.0]).reshape(
+        2, 1, 1, 1
+    )
+    still, back = (drift(y, data, same, 0.5).mean(dim=1) for y in (alike, moved))
+    assert still.norm() < 0.01
+    assert (back < -0.05).all()  # towards the data
+    point = torch.ones(1, 4, 2)
+    assert drift(point, torch.ones(1, 2), torch.ones(1, 1, dtype=torch.bool), 0.1).norm() == 0
+
+
+def test_drift_sees_only_data_of_its_condition():
+    y, data = torch.zeros(2, 2, 1), torch.tensor([[1.0], [-1.0]])
+    y = y + torch.tensor([[0.0], [0.1]])
+    moved = drift(y, data, torch.eye(2, dtype=torch.bool), 1.0)
+    assert (moved[0] > 0).all()
+    assert (moved[1] < 0).all()
+
+
+@pytest.mark.parametrize("weight", [0.0, 5.0])
+def test_a_learned_source_collapses_unless_its_spread_is_kept(monkeypatch, weight):
+    monkeypatch.setattr(learned_source, "KL_WEIGHT", weight)
+    c = torch.randn(2000, 1, generator=rng())
+    data = Dataset(3 * c + torch.randn(2000, 1, generator=rng(1)), c)
+    network = LearnedSource(VelocityMLP(1, 1, width=32, seed=0), width=32, seed=0)
+    found = fit(network, data, Independent(), steps=500, batch_size=256, loss=learned_source_loss)
+    mean, log_spread = found.network.mean_and_log_spread(c)
+    spread = float(log_spread.exp().mean())
+    assert (spread > 0.6) if weight else (spread < 0.4)
+    assert (mean - 3 * c).square().mean().sqrt() < 0.5  # it is drawn to the data
+
+
+class _NoForwardMode(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, x):
+        return x.clone()
+
+    @staticmethod
+    def backward(ctx, grad):
+        return grad
+
+
+class _Opaque(nn.Module):
+    dim, condition_dim = 1, 1
+
+    def __init__(self):
+        super().__init__()
+        self.scale = nn.Parameter(torch.ones(()))
+
+    def forward(self, t, x, c=None):
+        return self.scale * _NoForwardMode.apply(x)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: MeanFlow(1.5), "share_instant"),
+        (lambda: Shortcut(-0.1), "share"),
+        (lambda: Shortcut(levels=0), "levels"),
+        (lambda: TwoPasses(2.0), "late"),
+        (lambda: Drifting(1), "draws"),
+        (lambda: MeanVelocity(VelocityMLP(2)), "condition_dim"),
+        (lambda: LearnedSource(VelocityMLP(2)), "network must have a condition"),
+        (lambda: jump(VelocityMLP(2, 1), torch.zeros(3, 2), nfe=1), "network must be"),
+        (lambda: jump(MeanVelocity(VelocityMLP(2, 1)), torch.zeros(3, 2), nfe=0), "nfe"),
+        (lambda: jump(MeanVelocity(VelocityMLP(2, 2)), torch.zeros(3, 2), nfe=1), "c is missing"),
+        (
+            lambda: MeanFlow()(MeanVelocity(_Opaque()), gaussian_pairs(4), rng()),
+            "forward-mode",
+        ),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        call()
+
+
+def test_a_jump_of_the_exact_network_is_the_gaussian(monkeypatch):
+    network = MeanVelocity(VelocityMLP(1, 1).double())
+    monkeypatch.setattr(MeanVelocity, "forward", lambda self, *args: Exact()(*args))
+    x0 = gaussian_pairs(100).x0
+    for nfe in (1, 2, 5):
+        assert torch.allclose(jump(network, x0, nfe=nfe), MEAN + SPREAD * x0)
+    assert math.isclose(float(Exact()(0.0, x0[:1] * 0)), MEAN)
