@@ -9,6 +9,8 @@ from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Velocity
 from cotlearn.validation import check_count
 
+TEMPERATURES = (0.02, 0.05, 0.2)  #: of the softmax over distances, in units of sqrt(d)
+
 
 @dataclass(frozen=True)
 class Drifting:
@@ -22,11 +24,9 @@ class Drifting:
 
     Args:
         draws: samples of each condition, at least 2; the first starts from the noise of the pair.
-        temperatures: of the softmax over negative distances, in units of sqrt(d).
     """
 
     draws: int = 8
-    temperatures: tuple[float, ...] = (0.02, 0.05, 0.2)
 
     def __post_init__(self) -> None:
         check_count(self.draws, "draws", minimum=2)
@@ -42,9 +42,7 @@ class Drifting:
         if pairs.c is not None:
             same = (pairs.c[:, None] == pairs.c[None]).all(dim=2)
         with torch.no_grad():
-            target = y + sum(
-                drift(y, pairs.x1, same, temperature) for temperature in self.temperatures
-            )
+            target = y + sum(drift(y, pairs.x1, same, scale) for scale in TEMPERATURES)
         return (y - target).square().sum(dim=(1, 2))
 
 

@@ -14,6 +14,11 @@ from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import interpolate, squared_error
 from cotlearn.validation import check_count, check_inputs, check_share
 
+#: Of log(t / (1 - t)), which has deviation 1. (The paper's -0.4 counts time from the data.)
+LOCATION = 0.4
+SOFTENING = 0.01  #: added to the squared error in the weights of mean flows
+LEVELS = 7  #: of shortcuts, from 1 down to 1/64
+
 
 class MeanVelocity(nn.Module):
     """A network of mean velocities u, called as u(t, x, c, length) with length = r - t.
@@ -41,23 +46,19 @@ class MeanVelocity(nn.Module):
 
 @dataclass(frozen=True)
 class MeanFlow:
-    """The loss of mean flows (Geng 2505.13447, eq. 10, with adaptive weights).
+    """The loss of mean flows (Geng 2505.13447, eq. 10).
 
     Along a path, u = v + (r - t) du/dt. The derivative on the right is a forward-mode product of
     the network with the tangent (1, v, -1) of (t, x, r - t), where v = x1 - x0, and the right side
     is a fixed target. Where r = t this is flow matching; without such rows, errors proportional to
-    1 / (r - t) satisfy the identity as well.
+    1 / (r - t) satisfy the identity as well. Both times are logit-normal, and sorted. A row of
+    squared error e has the weight 1 / (e + 0.01), as in the paper.
 
     Args:
         share_instant: share of the rows with r = t, in [0, 1].
-        location: of log(t / (1 - t)) and log(r / (1 - r)), which are normal with deviation 1
-            and then sorted. (The paper's -0.4 counts time from the data.)
-        softening: s of the weights 1 / (e + s), with e the squared error of the row.
     """
 
     share_instant: float = 0.75
-    location: float = 0.4
-    softening: float = 0.01
 
     def __post_init__(self) -> None:
         check_share(self.share_instant, "share_instant")
@@ -68,7 +69,7 @@ class MeanFlow:
         Raises:
             TypeError: the network has a layer without forward-mode differentiation.
         """
-        drawn = torch.randn(2, len(pairs), generator=generator).to(pairs.x0) + self.location
+        drawn = torch.randn(2, len(pairs), generator=generator).to(pairs.x0) + LOCATION
         times = drawn.sigmoid()
         t, r = times.amin(dim=0), times.amax(dim=0)
         instant = torch.rand(len(pairs), generator=generator).to(pairs.x0) < self.share_instant
@@ -87,33 +88,30 @@ class MeanFlow:
             ) from error
         u, change = both
         errors = squared_error(u, (v + length[:, None] * change).detach())
-        return errors / (errors.detach() + self.softening)
+        return errors / (errors.detach() + SOFTENING)
 
 
 @dataclass(frozen=True)
 class Shortcut:
     """The loss of shortcut models (Frans 2410.12557, eq. 5): a jump equals two jumps of half.
 
-    The jump is 1, 1/2, 1/4, ... and starts at a multiple of itself. The two halves are the target
-    and get no gradient; the smallest halves have length 0. The other rows are flow matching with
-    length 0.
+    The jump is 1, 1/2, ... or 1/64, and starts at a multiple of itself. The two halves are the
+    target and get no gradient; the smallest halves have length 0. The other rows are flow matching
+    with length 0.
 
     Args:
         share: share of the rows that learn jumps, in [0, 1].
-        levels: the smallest jump is 2^(1 - levels).
     """
 
     share: float = 0.125
-    levels: int = 7
 
     def __post_init__(self) -> None:
         check_share(self.share, "share")
-        check_count(self.levels, "levels")
 
     def __call__(self, network: MeanVelocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
         """The squared error of each row, (B,)."""
         rows = len(pairs)
-        level = torch.randint(self.levels, (rows,), generator=generator)
+        level = torch.randint(LEVELS, (rows,), generator=generator)
         long = 0.5 ** level.to(pairs.x0)
         place, drawn = torch.rand(2, rows, generator=generator).to(pairs.x0).unbind()
         jumps = drawn < self.share
@@ -123,7 +121,7 @@ class Shortcut:
         if jumps.any():
             with torch.no_grad():
                 half = long[jumps] / 2
-                said = half.masked_fill(level.to(jumps.device)[jumps] == self.levels - 1, 0.0)
+                said = half.masked_fill(level.to(jumps.device)[jumps] == LEVELS - 1, 0.0)
                 c = None if pairs.c is None else pairs.c[jumps]
                 first = network(t[jumps], x[jumps], c, said)
                 second = network(t[jumps] + half, x[jumps] + half[:, None] * first, c, said)
