@@ -44,10 +44,16 @@ class FitResult:
 
 @dataclass
 class _State:
-    """The state of a training; `plan` holds the options that must not change when it resumes."""
+    """The state of a training; `plan` holds the options that must not change when it resumes.
+
+    `weights` and `averages` are the parameters of the two networks: to collect them at every step
+    takes as long as the step of a small network's optimizer.
+    """
 
     network: nn.Module
     averaged: nn.Module
+    weights: list[Tensor]
+    averages: list[Tensor]
     optimizer: torch.optim.Adam
     coupling: Coupling
     plan: dict[str, Any]
@@ -156,7 +162,9 @@ def fit(
             pairs = next(batches)
             if state.step == first:
                 validation.check_inputs(network, pairs.x1, pairs.c, "x1")
-            _gradient_step(state, pairs.map(lambda value: value.to(device)), loss)
+            if pairs.x0.device != device:
+                pairs = pairs.map(lambda value: value.to(device))
+            _gradient_step(state, pairs, loss)
             state.step += 1
             state.seconds += time.perf_counter() - started
             if state.step % log_every == 0 or state.step == steps:
@@ -189,8 +197,10 @@ def _start(network: nn.Module, coupling: Coupling, plan: dict[str, Any]) -> _Sta
     if not any(p.requires_grad for p in trained.parameters()):  # a network that `fit` returned
         trained.requires_grad_(True)
     averaged = copy.deepcopy(network).requires_grad_(False).eval()
-    optimizer = torch.optim.Adam(trained.parameters(), lr=plan["learning_rate"], fused=True)
-    return _State(trained, averaged, optimizer, coupling, plan)
+    weights: list[Tensor] = list(trained.parameters())
+    averages: list[Tensor] = list(averaged.parameters())
+    optimizer = torch.optim.Adam(weights, lr=plan["learning_rate"], fused=True)
+    return _State(trained, averaged, weights, averages, optimizer, coupling, plan)
 
 
 def _gradient_step(state: _State, pairs: Pairs, loss: Loss) -> None:
@@ -200,7 +210,8 @@ def _gradient_step(state: _State, pairs: Pairs, loss: Loss) -> None:
         state.optimizer.param_groups[0]["lr"] = rate
     generator = generator_for(plan["seed"], step, LOSS_RANDOMNESS)
     value = weighted_mean(loss(state.network, pairs, generator), pairs)
-    state.optimizer.zero_grad(set_to_none=True)
+    for weight in state.weights:
+        weight.grad = None
     value.backward()
     state.optimizer.step()
     state.unlogged.append(value.detach())
@@ -209,9 +220,7 @@ def _gradient_step(state: _State, pairs: Pairs, loss: Loss) -> None:
 
 @torch.no_grad()
 def _average(state: _State, decay: float) -> None:
-    torch._foreach_lerp_(
-        list(state.averaged.parameters()), list(state.network.parameters()), 1 - decay
-    )
+    torch._foreach_lerp_(state.averages, state.weights, 1 - decay)
     for buffer, now in zip(state.averaged.buffers(), state.network.buffers(), strict=True):
         buffer.copy_(now)
 
