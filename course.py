@@ -383,7 +383,7 @@ def test(python: Path, extra: list[str]) -> int:
         failed += [name] if code else []
     heading("tests and notebooks")
     # A file of tests or a notebook goes to one of two workers, in the order of tests/conftest.py.
-    pytest = [*run, "pytest", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder"]
+    pytest = [*run, "pytest", "-n", "2", "--dist", "loadfile"]
     pytest += ["--nbval-lax", "--nbval-current-env", f"--nbval-cell-timeout={CELL_TIMEOUT}"]
     code = call(
         [*pytest, "notebooks", "tests"],

@@ -5,6 +5,8 @@ import sys
 
 def main() -> None:
     """Runs the command; Ctrl-C ends it without a traceback, even while it loads."""
+    # With this package, which it does not need, jsonschema (of nbformat) takes 1.6 s to load.
+    sys.modules.setdefault("rfc3987_syntax", None)  # type: ignore[arg-type]
     try:
         from cotlearn.cli import main as command
 

@@ -4,11 +4,20 @@ from itertools import islice
 import numpy as np
 import pytest
 
+#: Files that take ten seconds or more.
+LONG = "arrays fit gaussian isolation optimal_flow push_t push_t_expert recommendation rollout"
+
+
+def pytest_configure(config):
+    """With xdist, files begin in the order below, and not those of most tests first."""
+    config.option.loadscopereorder = False
+
 
 def pytest_collection_modifyitems(items):
-    """Notebooks first, then files with slow tests: what is long must not begin at the end."""
+    """Notebooks, then files with slow tests, then long ones: nothing long begins at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: (item.path.suffix != ".ipynb", item.path not in slow))
+    long = {item.path for item in items if item.path.stem.removeprefix("test_") in LONG.split()}
+    items.sort(key=lambda i: (i.path.suffix != ".ipynb", i.path not in slow, i.path not in long))
 
 
 def pytest_terminal_summary(terminalreporter):
@@ -57,11 +66,5 @@ def episodes():
         seeds.append(seed)
     noise = rng.normal(0, 5, (len(actions), 2))
     intention = np.clip(np.array(actions) + noise, 0, 512)
-    return Episodes(
-        np.array(states),
-        np.array(actions),
-        np.array(ends),
-        name="a few",
-        intention=intention,
-        seed=np.array(seeds),
-    )
+    arrays = map(np.array, (states, actions, ends))
+    return Episodes(*arrays, name="a few", intention=intention, seed=np.array(seeds))
