@@ -6,13 +6,14 @@ coupling, a loss or a sampler), its test, and a row here.
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from cotlearn import couplings
 from cotlearn.couplings import Coupling, EmbeddedClusters, Independent, StratifiedOT
@@ -20,12 +21,16 @@ from cotlearn.couplings.base import generator_for
 from cotlearn.datasets import Dataset
 from cotlearn.flows import diffusion, matching
 from cotlearn.flows.diffusion import predict, regression_loss
-from cotlearn.flows.matching import FlowMatching, Loss
+from cotlearn.flows.matching import FlowMatching, Loss, velocity_of
+from cotlearn.flows.one_step import MeanFlow, MeanVelocity, Shortcut, TwoPasses
+from cotlearn.flows.solvers import integrate
 from cotlearn.policies.samplers import (
     DDPMSampler,
     FlowSampler,
+    JumpSampler,
     MeanSampler,
     Sampler,
+    TwoPassSampler,
     diffusion_of,
 )
 from cotlearn.validation import check_choice
@@ -66,6 +71,9 @@ class Method:
         predictions: that the network can be trained to make, the default first.
         open_option: the option that the frontier chooses where it is None.
         pictures: how many clusters of a camera's pictures the coupling is given; None: none.
+        network: wraps the network of the options.
+        columns: that it adds to the condition.
+        cost: of a gradient step in units of flow matching; the training has fewer steps instead.
         prepare: changes a training before it starts: by a regression, by pairs of a teacher.
     """
 
@@ -77,6 +85,9 @@ class Method:
     predictions: tuple[str, ...] = matching.PREDICTIONS
     open_option: str = ""
     pictures: Callable[[Options], int | None] | None = None
+    network: Callable[[nn.Module], nn.Module] = lambda plain: plain
+    columns: int = 0
+    cost: float = 1.0
     prepare: Callable[[Run], None] | None = None
 
     def settle(self, options: Options) -> Options:
@@ -121,21 +132,28 @@ def _centre(run: Run) -> None:
     run.coupling, run.seconds = couplings.centred(run.coupling, mean), first.seconds
 
 
-def _distil(run: Run) -> None:
-    """Trains a teacher; the student starts from its weights, and learns pairs that it made."""
+def _distil(run: Run, *, inverted: bool = False) -> None:
+    """Trains a teacher; the student starts from its weights, and learns pairs that it made.
+
+    The pairs are noise and the teacher's chunk from it, or, inverted, a demonstrated chunk and the
+    noise from which the teacher would make it.
+    """
     run.network = run.fit("teacher_").network
     started = time.perf_counter()
     rng = generator_for(run.seed, 0, purpose=21)
-    _, c = run.data.sample(run.options.reflow_pairs, generator=rng)
+    x1, c = run.data.sample(run.options.reflow_pairs, generator=rng)
     assert c is not None
     x0 = torch.randn(len(c), run.data.dim, generator=rng)
-    teacher = FlowSampler(run.options.reflow_nfe, prediction=run.options.prediction)
-    with torch.no_grad():
-        parts = [
-            teacher(run.network, noise[None], some)
-            for noise, some in zip(x0.split(4096), c.split(4096), strict=True)
-        ]
-    run.data = Dataset(torch.cat(parts), c, name=f"{run.data.name}, made by a teacher")
+    velocity = velocity_of(run.network, run.options.prediction)
+
+    def backwards(t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
+        return -velocity(1 - t, x, c)
+
+    field, start = (backwards, x1) if inverted else (velocity, x0)
+    parts = zip(start.split(4096), c.split(4096), strict=True)
+    made = [integrate(field, x, some, nfe=run.options.reflow_nfe).x1 for x, some in parts]
+    x0, x1 = (torch.cat(made), x1) if inverted else (x0, torch.cat(made))
+    run.data = Dataset(x1, c, name=f"{run.data.name}, paired by a teacher")
     run.coupling = couplings.FixedPairs(x0)
     run.seconds += time.perf_counter() - started
 
@@ -145,6 +163,16 @@ RESIDUAL: dict[str, Any] = {
     "open_option": "clusters",
     "pictures": lambda options: options.clusters,
 }
+MEAN_FLOW = Method(
+    "mean_flow",
+    "mean velocities by a forward-mode product (MeanFlow)",
+    loss=lambda options: MeanFlow(),
+    sampler=lambda options, clip: JumpSampler(),
+    predictions=("velocity",),
+    network=MeanVelocity,
+    columns=1,
+    cost=4 / 3,
+)
 DIFFUSION = Method(
     "diffusion",
     "DDPM with 100 levels",
@@ -200,6 +228,34 @@ METHODS: dict[str, Method] = {
             "reflow",
             "rectified flow on the pairs of a flow with independent pairs",
             prepare=_distil,
+        ),
+        Method(
+            "reflow_inverted",
+            "as reflow, with the teacher's noise for demonstrated chunks",
+            predictions=("velocity",),
+            prepare=functools.partial(_distil, inverted=True),
+        ),
+        MEAN_FLOW,
+        replace(
+            MEAN_FLOW,
+            name="mean_flow_residual",
+            description="mean velocities on the pairs of 'residual'",
+            **RESIDUAL,
+        ),
+        replace(
+            MEAN_FLOW,
+            name="shortcut",
+            description="shortcut model: a jump equals two of half its length",
+            loss=lambda options: Shortcut(share=0.125),
+            cost=13 / 12,
+        ),
+        Method(
+            "two_passes",
+            "regression that refines its answer once (MIP)",
+            loss=lambda options: TwoPasses(),
+            sampler=lambda options, clip: TwoPassSampler(),
+            predictions=("data",),
+            cost=2.0,
         ),
         Method(
             "behaviour_cloning",

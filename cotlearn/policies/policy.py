@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet
+from cotlearn.flows.one_step import MeanVelocity
 from cotlearn.policies.pixels import CameraNetwork
 from cotlearn.policies.samplers import SAMPLERS, Sampler
 from cotlearn.policies.windows import Windows
@@ -25,6 +26,7 @@ _FITTED = "fitted."  #: prefix of the coupling's tensors in a file
 _NETWORKS: dict[str, Any] = {
     kind.__name__: kind for kind in (ResidualMLP, TemporalUNet, CameraNetwork)
 }
+_NETWORKS["MeanVelocity"] = lambda **sizes: MeanVelocity(ResidualMLP(**sizes))
 
 
 @dataclass(eq=False, repr=False)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import torch
 from torch import Tensor, nn
 
 from cotlearn.flows.diffusion import SPACINGS, Diffusion, predict
 from cotlearn.flows.matching import velocity_of
+from cotlearn.flows.one_step import MeanVelocity, TwoPasses, jump
 from cotlearn.flows.solvers import integrate
 from cotlearn.validation import check_choice
 
@@ -157,6 +158,44 @@ class DDIMSampler(Sampler):
 
 
 @dataclass(frozen=True)
+class JumpSampler(Sampler):
+    """Equal jumps with a network of mean velocities.
+
+    Attributes:
+        nfe: evaluations of the network for a chunk.
+    """
+
+    nfe: int = 16
+
+    @property
+    def name(self) -> str:
+        """For tables: "jump-1"."""
+        return f"jump-{self.nfe}"
+
+    @property
+    def variants(self) -> list[Sampler]:
+        """With 1 to 16 evaluations."""
+        return [JumpSampler(nfe) for nfe in (1, 2, 4, 16)]
+
+    def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
+        """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
+        return jump(cast(MeanVelocity, network), noise[0], c, nfe=self.nfe)
+
+
+@dataclass(frozen=True)
+class TwoPassSampler(Sampler):
+    """The answer of a regression, and its refinement; of the noise only the shape counts."""
+
+    nfe = 2
+    name = "two-passes"
+    random = False
+
+    def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
+        """Chunks (B, d) under conditions c (B, k)."""
+        return TwoPasses().sample(network, noise[0], c)
+
+
+@dataclass(frozen=True)
 class MeanSampler(Sampler):
     """The one chunk that a regression predicts; of the noise only the shape counts."""
 
@@ -172,5 +211,13 @@ class MeanSampler(Sampler):
 
 #: By the name that a saved policy has for them.
 SAMPLERS: dict[str, Callable[..., Sampler]] = {
-    kind.__name__: kind for kind in (FlowSampler, DDPMSampler, DDIMSampler, MeanSampler)
+    kind.__name__: kind
+    for kind in (
+        FlowSampler,
+        DDPMSampler,
+        DDIMSampler,
+        JumpSampler,
+        TwoPassSampler,
+        MeanSampler,
+    )
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +33,9 @@ class Options:
     """The options of a training, the same for all methods unless said otherwise.
 
     Attributes:
-        steps: gradient steps; of reflow, for the teacher and for the student; of "centred", for the
-            flow, and a fifth of it for the regression before.
+        steps: gradient steps, fewer of a method whose steps cost more (`Method.cost`); of reflow,
+            for the teacher and for the student; of "centred", for the flow, and a fifth of it for
+            the regression before.
         batch_size: rows of a gradient step.
         learning_rate: of Adam, falling to 0 by a cosine.
         ema: decay of the averaged weights.
@@ -105,15 +106,22 @@ class Options:
             values["condition_weight"] = values["condition_weight"] or "balanced"
         return cls(**values, camera=Pixels(**camera) if camera else None)
 
-    def make_network(self, windows: Windows, *, seed: int) -> nn.Module:
-        """A network for chunks and observations of the windows' sizes."""
+    def make_network(self, windows: Windows, method: Method, *, seed: int) -> nn.Module:
+        """The network of a method, for chunks and observations of the windows' sizes.
+
+        Raises:
+            ValueError: the method adds columns to the condition, and the network is not the MLP.
+        """
         sizes: dict[str, Any] = {"width": self.width, "blocks": self.blocks, "seed": seed}
+        columns = windows.condition_dim + method.columns
+        if method.columns and (self.camera or self.network != "mlp"):
+            raise ValueError(f"{method.name} needs network mlp without a camera")
         if self.camera:
             return self.camera.network(windows, **sizes)
         if self.network == "unet":
-            shape = windows.points, len(windows.task.action), windows.condition_dim
+            shape = windows.points, len(windows.task.action), columns
             return TemporalUNet(*shape, seed=seed)
-        return ResidualMLP(windows.dim, windows.condition_dim, **sizes)
+        return method.network(ResidualMLP(windows.dim, columns, **sizes))
 
     def pictures(self, method: Method, data: Dataset, windows: Windows) -> EmbeddedClusters | None:
         """The clusters of pictures that the coupling of a method is given, fitted to the data."""
@@ -228,9 +236,9 @@ def train(
     data = windows.dataset(episodes, label=options.label)
     pictures, loss = options.pictures(method, data, windows), method.loss(options)
     run = Run(
-        options=options,
+        options=replace(options, steps=max(1, round(options.steps / method.cost))),
         data=data,
-        network=options.make_network(windows, seed=seed),
+        network=options.make_network(windows, method, seed=seed),
         coupling=method.coupling(options, pictures),
         loss=options.camera.loss(loss) if options.camera else loss,
         seed=seed,

@@ -199,5 +199,5 @@ def test_foreign_weights(windows, network, tmp_path):
     save_tensors(tmp_path / "other.safetensors", {"x": torch.zeros(3)}, {})
     with pytest.raises(ValueError, match="holds no policy"):
         ChunkPolicy.load(tmp_path / "other.safetensors")
-    with pytest.raises(TypeError, match="CameraNetwork to save it, got VelocityMLP"):
+    with pytest.raises(TypeError, match="MeanVelocity to save it, got VelocityMLP"):
         ChunkPolicy(VelocityMLP(32, 12), windows, FlowSampler()).save(tmp_path / "x.safetensors")

@@ -329,3 +329,22 @@ def test_a_method_settles_what_its_network_predicts():
     assert settled("behaviour_cloning", "velocity") == "data"  # it has no choice
     with pytest.raises(ValueError, match="prediction of independent"):
         settled("independent", "noise")
+
+
+def test_steps_that_cost_more_are_fewer(episodes):
+    found = {
+        name: train(name, episodes, options=SMALL, progress=False).history["step"][-1]
+        for name in ("independent", "two_passes")
+    }
+    assert found["two_passes"] == found["independent"] / 2
+
+
+def test_mean_velocities_are_saved_and_need_the_mlp(episodes, tmp_path):
+    policy = train("mean_flow", episodes, options=SMALL, progress=False).policy
+    policy.save(tmp_path / "p.safetensors")
+    history = np.repeat(episodes.state[:3, None], 2, axis=1)
+    noise = policy.noise(3)
+    again = ChunkPolicy.load(tmp_path / "p.safetensors")
+    assert (again.act(history, noise=noise) == policy.act(history, noise=noise)).all()
+    with pytest.raises(ValueError, match="mean_flow needs network mlp"):
+        train("mean_flow", episodes, options=replace(SMALL, network="unet"), progress=False)

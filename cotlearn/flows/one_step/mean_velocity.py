@@ -33,7 +33,7 @@ class MeanVelocity(nn.Module):
     def __init__(self, network: nn.Module) -> None:
         super().__init__()
         self.network: Any = network
-        self.dim = self.network.dim
+        self.dim, self.sizes = self.network.dim, getattr(network, "sizes", {})
         self.condition_dim = check_count(self.network.condition_dim, "condition_dim") - 1
 
     def forward(
