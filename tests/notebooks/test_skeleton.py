@@ -84,6 +84,16 @@ def test_closing(cells):
         assert "claim(" in cells[i].source, f"cell {i} is tagged 'claim' and claims nothing"
 
 
+def test_claims_are_folded(cells, extra, path):
+    """A page ends in sentences, and not in the code that checks them."""
+    if extra or path.name[:2] in ("08", "10", "11"):
+        pytest.skip("no lesson of the main path, or about to be split in two")
+    for i in tagged(cells, "claim"):
+        assert "hide-input" in cells[i].metadata.tags, f"cell {i} is not folded on the site"
+        assert cells[i].metadata.jupyter.source_hidden, f"cell {i} is not folded in JupyterLab"
+        assert cells[i].metadata.mystnb.code_prompt_show, f"cell {i} has no line of summary"
+
+
 def test_exercises(cells, extra):
     stubs = tagged(cells, "exercise")
     turns = [c for c in cells if c.cell_type == "markdown" and "### Your turn" in prose(c)]
