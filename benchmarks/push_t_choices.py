@@ -1,8 +1,9 @@
 """What do the choices made before any coupling give on Push-T?
 
-Flows with one choice other than those of `cotlearn bench push-t` (the frame, the labels, the scale,
-the times, the network), each with independent and with stratified pairs: what does a coupling add
-to the choice? One training seed, a third of the steps, and starts that no other table reports.
+Flows with one choice other than those of `cotlearn bench push-t` with velocities (the frame, the
+labels, the scale, the times, the network), each with independent and with stratified pairs: what
+does a coupling add to the choice? One training seed, a third of the steps, and starts that no other
+table reports.
 
     python benchmarks/push_t_choices.py
 

@@ -3,7 +3,7 @@
 Policies for Push-T with stratified coupling, trained on few to many demonstrations with coarse to
 fine clusters of conditions, all else equal: best coverage at 1, 2 and 16 evaluations on the same
 starts, and beside it what the frontier says of each setting before any training. One training seed,
-and a third of the steps of `cotlearn bench push-t`.
+and a third of the steps of `cotlearn bench push-t --prediction velocity`.
 
     python benchmarks/push_t_strata.py
 

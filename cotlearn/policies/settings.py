@@ -47,7 +47,6 @@ _RECEDING = Options(frame="world", steps=6000, width=256, clusters=1024)
 _PUSH = Options(frame="body", prediction="data")
 #: With a camera and smaller batches: a gradient step takes twice as long.
 _CAMERA = Options(
-    prediction="data",
     frame="agent",
     steps=6000,
     batch_size=128,
