@@ -1,7 +1,8 @@
 """Do skews that are computed before training predict what couplings cost on Push-T?
 
-For each coupling of `cotlearn bench push-t --prediction velocity` and of `benchmarks/push_t_strata.py`, the skew of
-20,000 pairs by near neighbours and by regression. Nothing is trained.
+For each coupling of `cotlearn bench push-t --prediction velocity` and of
+`benchmarks/push_t_strata.py`, the skew of 20,000 pairs by near neighbours and by regression.
+Nothing is trained.
 
     python benchmarks/push_t_skew.py
 
