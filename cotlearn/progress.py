@@ -7,25 +7,33 @@ from typing import Any
 from tqdm.auto import tqdm
 
 SWITCH = "COTLEARN_PROGRESS"  #: set to 0 to switch bars off, to 1 to force them
+LINE_EVERY = 60  #: seconds between two lines where a bar cannot be drawn
+_LINE = "{desc}: {n_fmt} of {total_fmt}, {elapsed} so far, {remaining} left{postfix}\n"
 
 
 def progress_bar(*, total: int, initial: int = 0, what: str = "", show: bool | None = None) -> Any:
-    """A tqdm progress bar, shown in terminals and notebooks.
+    """A tqdm progress bar in terminals and notebooks, and elsewhere a line a minute.
 
     Args:
         total: total number of steps.
         initial: steps that are already done.
         what: label in front of the bar.
-        show: whether to show the bar; if None, the environment variable COTLEARN_PROGRESS decides
-            (0 hides it), and if that is not set, whether this is a terminal or a notebook.
+        show: whether to show a bar. If None, the environment variable COTLEARN_PROGRESS decides
+            (0: neither bar nor lines), and if that is not set, whether this is a terminal or a
+            notebook.
     """
+    kernel, switch = _in_notebook(), os.environ.get(SWITCH)
+    lines = show is None and not switch and not kernel and not sys.stderr.isatty()
     if show is None:
-        switch = os.environ.get(SWITCH)
-        show = switch != "0" if switch else sys.stderr.isatty() or _in_notebook()
-    return tqdm(total=total, initial=initial, desc=what, disable=not show, leave=False)
+        show = (
+            switch != "0" if switch else sys.stderr.isatty() or (kernel and "CI" not in os.environ)
+        )
+    seldom: dict[str, Any] = {"delay": LINE_EVERY, "mininterval": LINE_EVERY, "miniters": 1}
+    options = {**seldom, "bar_format": _LINE} if lines else {"leave": False}
+    return tqdm(total=total, initial=initial, desc=what, disable=not (show or lines), **options)
 
 
 def _in_notebook() -> bool:
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
-    return hasattr(shell, "kernel") and "CI" not in os.environ
+    return hasattr(shell, "kernel")

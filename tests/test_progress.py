@@ -1,8 +1,11 @@
+import re
 import sys
+import time
 from types import SimpleNamespace
 
 import pytest
 
+from cotlearn import progress
 from cotlearn.progress import SWITCH, progress_bar
 
 
@@ -15,7 +18,7 @@ def _nobody_decided(monkeypatch):
 def shown(**options):
     with progress_bar(total=3, what="work", **options) as bar:
         bar.update()
-        bar.set_postfix(loss="1.0")
+        bar.set_postfix(loss="1.0", refresh=False)
         return not bar.disable
 
 
@@ -23,10 +26,24 @@ def watching(monkeypatch, yes):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: yes, raising=False)
 
 
-def test_off_when_nobody_watches(monkeypatch, capsys):
+def test_silent_for_a_minute_when_nobody_watches(monkeypatch, capsys):
     watching(monkeypatch, False)
-    assert not shown()
+    shown()
     assert capsys.readouterr().err == ""
+
+
+def test_then_a_line_now_and_then(monkeypatch, capsys):
+    watching(monkeypatch, False)
+    monkeypatch.setattr(progress, "LINE_EVERY", 0.01)
+    with progress_bar(total=4, what="work") as bar:
+        for step in range(4):
+            bar.set_postfix(loss=f"{step}.5", refresh=False)
+            time.sleep(0.02)
+            bar.update()
+    lines = [line for line in re.split("[\r\n]+", capsys.readouterr().err) if line]
+    assert lines[0].startswith("work: 1 of 4, 00:00 so far")
+    assert "loss=0.5" in lines[0]
+    assert len(lines) >= 3
 
 
 def test_on_in_a_terminal(monkeypatch):
@@ -53,7 +70,7 @@ def test_on_in_a_notebook_but_not_because_a_kernel_is_merely_installed(monkeypat
     monkeypatch.setitem(sys.modules, "ipykernel", SimpleNamespace())
     shell = None
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
-    assert not shown()
+    assert shown()  # lines, after a minute
     shell = SimpleNamespace(kernel=object())
     assert shown()
     monkeypatch.setenv("CI", "1")

@@ -229,7 +229,7 @@ def _log(state: _State, bar: Any) -> None:
     mean = float(np.mean(_finite_losses(state)))
     state.unlogged.clear()
     state.log.append((state.step, mean, state.seconds))
-    bar.set_postfix(loss=f"{mean:.3f}")
+    bar.set_postfix(loss=f"{mean:.3f}", refresh=False)
 
 
 def _finite_losses(state: _State) -> list[float]:
