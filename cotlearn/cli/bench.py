@@ -24,8 +24,8 @@ def bench(
         int | None, typer.Option(min=1, help="Demonstrations to train on; all without it.")
     ] = None,
     held_out: Annotated[
-        int, typer.Option(min=1, help="Demonstrations kept for the energy score.")
-    ] = 200,
+        int | None, typer.Option(min=1, help="Demonstrations kept for the energy score.")
+    ] = None,
     data: policies.Data = None,
     folder: Annotated[Path | None, typer.Option(help="Of the cells.")] = None,
     weights: Annotated[Path | None, typer.Option(help="Of policies and checkpoints.")] = None,
@@ -62,7 +62,9 @@ def bench(
                 folder=folder,
                 methods=[m.strip() for m in methods.split(",")] if methods else setting.methods,
                 seeds=policies.numbers(seeds, "seeds"),
-                protocol=Protocol(setting.options, train_episodes, held_out, episodes),
+                protocol=Protocol(
+                    setting.options, train_episodes, held_out or setting.held_out, episodes
+                ),
                 weights=weights,
                 say=say,
             )

@@ -92,7 +92,7 @@ def setting(name: str, options: dict[str, Any], data: Path | None) -> tuple[Sett
     Torch gets one thread, as in the course.
 
     Raises:
-        ValueError: there is none of this name, or an option does not fit.
+        ValueError: there is none of this name, an option does not fit, or data is missing.
     """
     import torch
 
@@ -103,6 +103,11 @@ def setting(name: str, options: dict[str, Any], data: Path | None) -> tuple[Sett
 
     torch.set_num_threads(1)
     found = SETTINGS[check_choice(name, "task", tuple(SETTINGS))]
+    if data is None and not found.shipped:
+        raise ValueError(
+            f"{name} needs --data: these demonstrations do not come with the course; "
+            "docs/how_to/use_human_demonstrations.md says where they are"
+        )
     found = replace(found, options=replace(found.options, **options))
     return found, read(data or assets.find_data(find_task(found.task).demonstrations))
 

@@ -15,11 +15,15 @@ class Setting:
         task: name of the task in `cotlearn.robots.registry`.
         options: training options of all methods.
         methods: names of the methods to compare.
+        held_out: demonstrations kept for the energy score.
+        shipped: whether the course has the demonstrations; others are asked for.
     """
 
     task: str
     options: Options
     methods: tuple[str, ...] = tuple(METHODS)
+    held_out: int = 200
+    shipped: bool = True
 
 
 #: Open loop: one chunk of ten knots from the start to the goal.
@@ -45,6 +49,8 @@ _RECEDING = Options(frame="world", steps=6000, width=256, clusters=1024)
 #: Push-T, with the data as the target: held-out energy score and exploration rollouts prefer it,
 #: for flows and for diffusion (data/results/policy_targets_push_t.json). The arm's prefer velocity.
 _PUSH = Options(frame="body", prediction="data")
+#: People's demonstrations of Push-T: few, and labelled with what was done.
+_HUMAN = replace(_PUSH, label="action", clusters=512, steps=8000)
 #: With a camera and smaller batches: a gradient step takes twice as long.
 _CAMERA = Options(
     frame="agent",
@@ -60,6 +66,7 @@ _MAIN = ("independent", "conditional_ot", "stratified", "residual", "minibatch_o
 
 SETTINGS = {
     "push-t": Setting("push-t", _PUSH),
+    "push-t-human": Setting("push-t", _HUMAN, held_out=30, shipped=False),
     "push-t-pixels": Setting("push-t", _CAMERA, _MAIN),
     "arm-ring": Setting("arm-ring", _WHOLE),
     "arm-ring-receding": Setting("arm-ring", _RECEDING),

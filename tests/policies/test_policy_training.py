@@ -304,6 +304,7 @@ def test_bench_push_t(data, tmp_path):
         (("train", "push-t", "--frame", "mine"), "frame must be one of body, world"),
         (("bench", "push-t", "--seeds", "one"), "seeds must be whole numbers"),
         (("bench", "push-t", "--methods", "magic"), "method must be one of"),
+        (("bench", "push-t-human"), "held_out must"),
     ],
 )
 def test_bad_commands(data, tmp_path, arguments, message):
@@ -318,6 +319,9 @@ def test_missing_demonstrations(tmp_path):
     result = invoke("train", "push-t", "--data", tmp_path / "none.npz")
     assert result.exit_code == 2
     assert "no such file" in result.output
+    result = invoke("train", "push-t-human")
+    assert result.exit_code == 2
+    assert "push-t-human needs --data" in result.output
 
 
 def test_a_method_settles_what_its_network_predicts():
