@@ -37,6 +37,7 @@ from cotlearn.plots.style import (
     style_of,
     use_style,
 )
+from cotlearn.plots.table import table
 from cotlearn.plots.tradeoff import frontier
 
 __all__ = [
@@ -76,6 +77,7 @@ __all__ = [
     "source_given_condition",
     "strata_heatmap",
     "style_of",
+    "table",
     "trajectories",
     "use_style",
     "velocity_field",

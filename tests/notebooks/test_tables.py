@@ -56,8 +56,20 @@ def printed_from_files(cells):
 
 
 def stored(cell):
-    """What a cell printed when the notebook was run."""
-    return "".join(output.text for output in cell.outputs if output.get("name") == "stdout")
+    """What a cell printed when the notebook was run, and the table that it ended in."""
+    words = [output.text for output in cell.outputs if output.get("name") == "stdout"]
+    results = [output.data for output in cell.outputs if output.output_type == "execute_result"]
+    return "".join(words + [data["text/plain"] for data in results if "text/html" in data])
+
+
+def run(cell, space):
+    """What a cell prints, and the table that it ends in."""
+    tree = ast.parse(cell.source)
+    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+    with contextlib.redirect_stdout(io.StringIO()) as text:
+        exec(compile(tree, "cell", "exec"), space)
+        value = eval(compile(ast.Expression(last.value), "cell", "eval"), space) if last else None
+    return text.getvalue() + (repr(value) if hasattr(value, "_repr_html_") else "")
 
 
 def test_stored_tables_are_those_of_the_files(cells):
@@ -68,9 +80,7 @@ def test_stored_tables_are_those_of_the_files(cells):
     printed, space = {}, {"__name__": "__main__"}
     with plt.rc_context():
         for i in sorted(set().union(*tables)):
-            with contextlib.redirect_stdout(io.StringIO()) as text:
-                exec(compile(cells[i].source, f"cell {i}", "exec"), space)
-            printed[i] = text.getvalue()
+            printed[i] = run(cells[i], space)
     plt.close("all")
     for *_, i in tables:
         assert printed[i] == stored(cells[i]), f"cell {i} prints other numbers now: run it again"
