@@ -44,7 +44,6 @@ def table(
     rows: Sequence[Mapping[str, Any]],
     *,
     low: Sequence[str] = (),
-    high: Sequence[str] = (),
     digits: int = 3,
 ) -> Table:
     """Make a table of rows with the same columns, the best value of a column marked.
@@ -53,16 +52,14 @@ def table(
         rows: column -> value, for each row, None if there is none; the columns are those of the
             first.
         low: columns of numbers where the smallest is best.
-        high: columns of numbers where the largest is best.
         digits: after the point, for floating-point numbers.
     """
     head = tuple(rows[0])
     best = {
         (i, head.index(name))
-        for names, pick in ((low, min), (high, max))
-        for name in names
+        for name in low
         for i, row in enumerate(rows)
-        if row[name] == pick(other[name] for other in rows if other[name] is not None)
+        if row[name] == min(other[name] for other in rows if other[name] is not None)
     }
     words = (tuple(_word(row[name], digits) for name in head) for row in rows)
     return Table(head, tuple(words), frozenset(best))

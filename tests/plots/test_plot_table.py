@@ -6,8 +6,8 @@ ROWS = [{"name": "a < b", "error": 1.25, "n": 2}, {"name": "c", "error": 0.5, "n
 
 
 def test_the_best_is_marked_in_both_forms():
-    table = plots.table(ROWS, low=["error"], high=["n"], digits=2)
-    assert repr(table) == "name   error    n\na < b   1.25    2\nc      0.50*  10*"
+    table = plots.table(ROWS, low=["error", "n"], digits=2)
+    assert repr(table) == "name   error   n\na < b   1.25  2*\nc      0.50*  10"
     page = table._repr_html_()
     assert "<td>a &lt; b</td><td>1.25</td>" in page
     assert page.count("<b>") == 2
