@@ -23,6 +23,10 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         yield temporary
         temporary.chmod(mode)  # safetensors lets only the owner read
         os.replace(temporary, path)
+    except OSError as error:  # a full disk gives no name
+        if error.errno and not error.filename:
+            error.filename = str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

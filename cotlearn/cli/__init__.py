@@ -1,6 +1,6 @@
 """The command `cotlearn`: open the course, run notebooks, make demonstrations, train, report.
 
-One file holds one group of commands. None imports torch before a command that needs it runs.
+Each module holds one group of commands. torch is imported only by the commands that need it.
 """
 
 import sys

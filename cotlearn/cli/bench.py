@@ -1,4 +1,4 @@
-"""`cotlearn bench`: runs the comparisons behind stored tables."""
+"""`cotlearn bench`: runs the comparisons behind the course's stored tables."""
 
 import functools
 from pathlib import Path
@@ -16,28 +16,28 @@ def bench(
     name: policies.Name,
     options: dict[str, Any],
     methods: Annotated[
-        str | None, typer.Option(help="Names with commas between; all without it.")
+        str | None, typer.Option(help="Names, separated by commas; default: all.")
     ] = None,
-    seeds: Annotated[str, typer.Option(help="Numbers with commas between.")] = "0,1,2",
+    seeds: Annotated[str, typer.Option(help="Numbers, separated by commas.")] = "0,1,2",
     episodes: Annotated[int, typer.Option(min=2, help="Paired rollouts of each policy.")] = 200,
     train_episodes: Annotated[
-        int | None, typer.Option(min=1, help="Demonstrations to train on; all without it.")
+        int | None, typer.Option(min=1, help="Demonstrations to train on; default: all.")
     ] = None,
     held_out: Annotated[
         int | None, typer.Option(min=1, help="Demonstrations kept for the energy score.")
     ] = None,
     data: policies.Data = None,
-    folder: Annotated[Path | None, typer.Option(help="Of the cells.")] = None,
-    weights: Annotated[Path | None, typer.Option(help="Of policies and checkpoints.")] = None,
-    summary: Annotated[Path | None, typer.Option(help="The file about all cells.")] = None,
+    folder: Annotated[Path | None, typer.Option(help="Folder of the cells.")] = None,
+    weights: Annotated[Path | None, typer.Option(help="Folder of the policies.")] = None,
+    summary: Annotated[Path | None, typer.Option(help="Summary of all cells, a file.")] = None,
     latency: Annotated[
-        bool, typer.Option("--latency", help="Only measure the finished cells' latency again.")
+        bool, typer.Option("--latency", help="Only remeasure the latency of finished cells.")
     ] = False,
 ) -> None:
-    """Compares policies for a task: trains and rolls out the cells that are missing.
+    """Compares policies for a task: trains and rolls out all cells that are missing.
 
-    Finished cells are skipped and an interrupted training resumes, so that the comparison can be
-    completed in several goes, or by two runs side by side on different methods or seeds.
+    Finished cells are skipped and an interrupted training resumes. So a comparison can be completed
+    in several runs, one after the other, or in parallel on different methods or seeds.
     """
     short, root = name.replace("-", "_"), assets.checkout()
     places = ("benchmarks/results", "data/results") if root else ("results", "results")

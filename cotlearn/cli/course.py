@@ -1,4 +1,4 @@
-"""`cotlearn lab`, `run` and `doctor`: open the course, run notebooks, examine the machine."""
+"""`cotlearn lab`, `run` and `doctor`: open the course, run notebooks, check the machine."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def lab(
     context: typer.Context,
     to: Annotated[
         Path,
-        typer.Option(help="Where an installed package copies the notebooks; unused in a checkout."),
+        typer.Option(help="Folder to which an installed package copies the notebooks."),
     ] = Path("cotlearn-course"),
 ) -> None:
     """Opens the course in JupyterLab; other options, such as --port, go to JupyterLab."""
@@ -70,17 +70,17 @@ def _has_display() -> bool:
 def run(
     notebook: Annotated[
         list[str] | None,
-        typer.Argument(help="Numbers (00), names (00_start_here) or paths; none: all of them."),
+        typer.Argument(help="Numbers (00), names (00_start_here) or paths; default: all."),
     ] = None,
     inplace: Annotated[
         bool, typer.Option("--inplace", help="Store the outputs in the notebook.")
     ] = False,
     html: Annotated[
-        Path | None, typer.Option(help="Leave a page to read, and an index, in this folder.")
+        Path | None, typer.Option(help="Write HTML pages and an index to this folder.")
     ] = None,
-    timeout: Annotated[int, typer.Option(min=1, help="Most seconds for one cell.")] = 300,
+    timeout: Annotated[int, typer.Option(min=1, help="Time limit per cell, in seconds.")] = 300,
 ) -> None:
-    """Executes notebooks without a browser and says how long each took."""
+    """Executes notebooks without a browser and reports how long each took."""
     with reported():
         from cotlearn import execution
         from cotlearn.validation import check_output
@@ -129,7 +129,7 @@ def _report(done: Run) -> None:
 
 @app.command()
 def doctor() -> None:
-    """Examines this machine; names what is missing and the command that fixes it."""
+    """Checks this machine; for each missing part it prints the command that fixes it."""
     from cotlearn import doctor as examination
 
     findings = examination.examine()

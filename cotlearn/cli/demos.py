@@ -1,4 +1,4 @@
-"""`cotlearn demos`: makes the demonstrations that the course ships."""
+"""`cotlearn demos`: records demonstrations such as those that the course ships."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,23 +14,23 @@ def demos(
     task: Annotated[
         str,
         typer.Argument(
-            help="A task; or push-t-pixels, the course's demonstrations of push-t as pictures."
+            help="A task; or push-t-pixels: the course's demonstrations of push-t as pictures."
         ),
     ],
-    episodes: Annotated[int, typer.Option(min=1, help="How many episodes.")] = 4000,
-    seed: Annotated[int, typer.Option(min=0, help="Of starts, choices and noise.")] = 0,
+    episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 4000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of starts, choices and noise.")] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="The file to make; push_t_demos.npz and so on without it.")
+        Path | None, typer.Option(help="The file to write; default: push_t_demos.npz and so on.")
     ] = None,
-    size: Annotated[int, typer.Option(min=1, help="Of the pictures of push-t-pixels.")] = 96,
+    size: Annotated[int, typer.Option(min=1, max=1024, help="Width of the pictures.")] = 96,
 ) -> None:
-    """Records the planned demonstrator of a task; goes on where a recording was interrupted.
+    """Records a task's planned demonstrator; an interrupted recording resumes.
 
     The 4000 episodes of the course take about 5 minutes for push-t and 2 for the arm, on one core.
-    Pictures of 96 x 96 need 2.4 MB of memory an episode: draw some hundreds at once.
+    Pictures of 96 x 96 need 2.4 MB of memory per episode: draw a few hundred episodes at a time.
     """
     out = out or Path(f"{task.replace('-', '_')}_demos.npz")
-    with reported():
+    with reported(RuntimeError):
         from cotlearn.validation import check_output
 
         check_output(out, "out")

@@ -1,4 +1,4 @@
-"""`cotlearn check`, `progress`, `grade` and `homework`: self-checks, grades, and their making."""
+"""`cotlearn check`, `progress`, `grade` and `homework`: self-checks and grades."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-_Seconds = Annotated[float, typer.Option(min=1, help="Of computing for one question.")]
+_Seconds = Annotated[float, typer.Option(min=1, help="Computing time per question, in s.")]
 _Gigabytes = Annotated[
-    float, typer.Option(min=0.1, help="Of memory for one question (only on Linux).")
+    float, typer.Option(min=0.1, help="Memory per question in GB (only on Linux).")
 ]
 _Masters = Annotated[
-    Path | None, typer.Option(help="Folder of the master notebooks; without it the course's own.")
+    Path | None, typer.Option(help="Folder of the master notebooks; default: the course's.")
 ]
 _SIGNS = {"correct": "[green]✓[/]", "not yet": "[red]✗[/]", "not attempted yet": "·"}
 
@@ -32,15 +32,15 @@ _SIGNS = {"correct": "[green]✓[/]", "not yet": "[red]✗[/]", "not attempted y
 @app.command()
 def check(
     notebook: Annotated[
-        list[str], typer.Argument(help="Notebooks: files, or numbers (01) of the course.")
+        list[str], typer.Argument(help="Notebooks: files, or numbers (01) in the course.")
     ],
     seconds: _Seconds = 60,
     gigabytes: _Gigabytes = 4,
 ) -> None:
-    """Checks the answers in a notebook, each in a process of its own.
+    """Checks the answers in notebooks, each in its own process.
 
-    Nothing of the notebook is changed. An endless loop, an exit or a flood of prints costs its own
-    question and no other.
+    The notebooks are not changed. An endless loop, an exit or a flood of prints costs only its own
+    question.
     """
     wrong = 0
     with reported(RuntimeError):
@@ -69,7 +69,7 @@ def _print(mark: Mark) -> None:
 
 @app.command("progress")
 def show_progress() -> None:
-    """Shows which exercises are done and which is next; reads one file on this machine."""
+    """Shows which exercises are done and which is next, from one file on this machine."""
     with reported():
         from cotlearn.homework import progress
         from cotlearn.homework.assignments import find, masters
@@ -96,20 +96,20 @@ def show_progress() -> None:
 
 @app.command()
 def grade(
-    folder: Annotated[Path, typer.Argument(help="With the notebooks that were handed in.")],
+    folder: Annotated[Path, typer.Argument(help="The folder of the notebooks to grade.")],
     out: Annotated[Path, typer.Option(help="The table to write.")] = Path("grades.csv"),
     masters: _Masters = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Notebooks at a time; without it one a core.")
+        int | None, typer.Option(min=1, help="Notebooks in parallel; default: one per core.")
     ] = None,
     seconds: _Seconds = 60,
     gigabytes: _Gigabytes = 4,
 ) -> None:
     """Grades a folder of notebooks with the hidden tests, and writes feedback for each student.
 
-    Run it again after an interruption: what is done is kept. The limits on processes guard against
-    accidents and are no security sandbox; docs/teaching/grading.md shows how to grade a class that
-    you do not trust.
+    Run it again after an interruption: finished results are kept. The limits guard against
+    accidents and are not a security sandbox; docs/teaching/grading.md shows how to grade a class
+    that you do not trust.
     """
     with reported():
         from cotlearn.homework import grading
@@ -136,20 +136,22 @@ def _print_row(row: Row, done: int, total: int) -> None:
 
 @app.command()
 def homework(
-    out: Annotated[Path, typer.Option(help="The folder to make.")] = Path("build/homework"),
+    out: Annotated[Path, typer.Option(help="The folder to write.")] = Path("build/homework"),
     secret_seed: Annotated[
         str | None,
-        typer.Option(envvar="SECRET_SEED", help="Any words; makes hidden tests of your own."),
+        typer.Option(envvar="SECRET_SEED", help="Any text; gives you hidden tests of your own."),
     ] = None,
     requirements: Annotated[
-        Path | None, typer.Option(help="What pip installs in otter's container, a line each.")
+        Path | None, typer.Option(help="Requirements file for otter's container.")
     ] = None,
     masters: _Masters = None,
 ) -> None:
-    """Makes student and autograder versions of the homework with otter-grader, and tries them."""
+    """Makes student and autograder versions of the homework with otter-grader, and tests them."""
     with reported():
         from cotlearn.homework import release
+        from cotlearn.validation import check_output
 
+        check_output(out / "masters", "out")
         release.make(
             out,
             masters=masters,
@@ -160,7 +162,7 @@ def homework(
 
 
 def _limits(seconds: float, gigabytes: float) -> Limits:
-    """The limits, after a word on a system that cannot keep one of them."""
+    """Returns the limits; prints a note on systems without a memory limit."""
     from cotlearn.homework.isolation import Limits, has_memory_limit
     from cotlearn.validation import check_number
 

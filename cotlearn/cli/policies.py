@@ -18,33 +18,33 @@ if TYPE_CHECKING:
     from cotlearn.policies.settings import Setting
     from cotlearn.robots.episodes import Episodes
 
-Name = Annotated[str, typer.Argument(help="A task, with the options of the course.")]
+Name = Annotated[str, typer.Argument(help="A task; its options are the course's.")]
 Data = Annotated[
     Path | None,
     typer.Option(
         help="Demonstrations: .npz, Diffusion Policy's .zarr, or a LeRobot folder. "
-        "Without it those of the course."
+        "Default: the course's."
     ),
 ]
 #: Fields of `policies.training.Options` that a command can change.
 OPTIONS = {
     "steps": Annotated[int | None, typer.Option(min=1, help="Gradient steps.")],
     "batch_size": Annotated[int | None, typer.Option(min=1, help="Rows of a gradient step.")],
-    "clusters": Annotated[int | None, typer.Option(min=1, help="Of stratified OT.")],
+    "clusters": Annotated[int | None, typer.Option(min=1, help="Clusters of stratified OT.")],
     "condition_weight": Annotated[
-        float | None, typer.Option(min=0, help="Of COT; without it the frontier chooses.")
+        float | None, typer.Option(min=0, help="Of COT; default: chosen by the frontier.")
     ],
-    "frame": Annotated[str | None, typer.Option(help="What a policy sees and says.")],
-    "label": Annotated[str | None, typer.Option(help="intention or action.")],
-    "network": Annotated[str | None, typer.Option(help="mlp or unet.")],
+    "frame": Annotated[str | None, typer.Option(help="Frame of states and actions.")],
+    "label": Annotated[str | None, typer.Option(help="Label: intention or action.")],
+    "network": Annotated[str | None, typer.Option(help="Network: mlp or unet.")],
     "prediction": Annotated[
-        str | None, typer.Option(help="Of the network: noise, data or velocity.")
+        str | None, typer.Option(help="What it predicts: noise, data or velocity.")
     ],
 }
 
 
 class WithMethods(TyperCommand):
-    """A command whose help ends with the tasks and the methods, read when it is asked for."""
+    """A command whose help ends with the tasks and methods, which are imported only then."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Writes the help."""
@@ -68,7 +68,7 @@ class WithTasks(TyperCommand):
 
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Gives a command all `OPTIONS`; its argument `options` is a dict of those that were given."""
+    """Adds all `OPTIONS` to a command; its argument `options` is a dict of those given."""
     signature = inspect.signature(command, eval_str=True)
 
     @functools.wraps(command)
@@ -87,12 +87,12 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def setting(name: str, options: dict[str, Any], data: Path | None) -> tuple[Setting, Episodes]:
-    """The course's setting of this name with the options that were given, and its demonstrations.
+    """Returns the course's setting for a task, with these options, and its demonstrations.
 
-    Torch gets one thread, as in the course.
+    Torch is limited to one thread, as in the course.
 
     Raises:
-        ValueError: there is none of this name, an option does not fit, or data is missing.
+        ValueError: there is no such task, an option does not fit, or data is missing.
     """
     import torch
 
@@ -113,7 +113,7 @@ def setting(name: str, options: dict[str, Any], data: Path | None) -> tuple[Sett
 
 
 def numbers(text: str, name: str) -> list[int]:
-    """Returns the whole numbers of a text such as "0,1,2"."""
+    """Returns the integers in a text such as "0,1,2"."""
     try:
         return [int(part) for part in text.split(",")]
     except ValueError:

@@ -1,4 +1,4 @@
-"""`cotlearn report`: which coupling for data of one's own, as a page to read."""
+"""`cotlearn report`: recommends a coupling for your own data and writes a page about it."""
 
 import shlex
 import sys
@@ -18,18 +18,18 @@ def report(
             help="An .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="The page to make.")] = Path("report.html"),
+    out: Annotated[Path, typer.Option(help="The page to write.")] = Path("report.html"),
     model: Annotated[
-        Path | None, typer.Option(help="The trained model; OUT with .safetensors without it.")
+        Path | None, typer.Option(help="The model to write; default: OUT with .safetensors.")
     ] = None,
     steps: Annotated[int, typer.Option(min=1, help="Gradient steps of each training.")] = 2000,
-    observe: Annotated[int, typer.Option(min=1, help="States in c, of recorded episodes.")] = 2,
-    predict: Annotated[int, typer.Option(min=1, help="Actions in x1, of recorded episodes.")] = 16,
-    seed: Annotated[int, typer.Option(min=0, help="Of everything.")] = 0,
+    observe: Annotated[int, typer.Option(min=1, help="States in c, for recorded episodes.")] = 2,
+    predict: Annotated[int, typer.Option(min=1, help="Actions in x1, for recorded episodes.")] = 16,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything.")] = 0,
 ) -> None:
-    """Looks at your data, recommends a coupling, trains it and tries it; about two minutes.
+    """Examines your data, recommends a coupling, trains with it and tests it; about two minutes.
 
-    The page holds its figures and needs no network. Trainings that were stopped resume.
+    The page contains its figures and needs no network. Interrupted trainings resume.
     """
     model = model or out.with_suffix(".safetensors")
     checkpoints = out.with_name(f".{out.name}")

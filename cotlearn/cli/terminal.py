@@ -1,4 +1,4 @@
-"""Output and exit of all commands: one console, error messages and missing packages."""
+"""Shared by all commands: the console, error messages and exit codes."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,16 +21,18 @@ def stop(message: str) -> NoReturn:
 
 
 def stop_missing(package: str | None) -> NoReturn:
-    """Ends the command because a package of the course is not installed."""
+    """Ends the command with the name of a missing package and how to install it."""
     stop(f"{package} is not installed; install it with: pip install 'cotlearn[course]'")
 
 
 @contextmanager
 def reported(*more: type[Exception]) -> Iterator[None]:
-    """Ends the command with a sentence if the block fails as files and values from outside do.
+    """Turns the errors that a user can cause into one sentence and the exit code 2.
+
+    These are ValueError, OSError, MemoryError and missing packages; Ctrl-C exits with 130.
 
     Args:
-        more: other kinds of errors of which the message says enough.
+        more: further error types whose message is enough for the user.
     """
     kinds: tuple[type[Exception], ...] = (ValueError, *more)
     try:
@@ -50,6 +52,6 @@ def reported(*more: type[Exception]) -> Iterator[None]:
 
 
 def stop_interrupted() -> NoReturn:
-    """Ends an interrupted command that will resume when it is repeated."""
+    """Ends an interrupted command; it resumes when it is repeated."""
     console.print("stopped; run the same command again to go on")
     raise typer.Exit(130) from None

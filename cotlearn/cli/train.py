@@ -1,4 +1,4 @@
-"""`cotlearn train`: trains a policy, saves it, and tries it."""
+"""`cotlearn train`: trains a policy, saves it and tests it in rollouts."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,19 +16,17 @@ def train(
     name: policies.Name,
     options: dict[str, Any],
     coupling: Annotated[str, typer.Option(help="A method, see below.")] = "stratified",
-    seed: Annotated[int, typer.Option(min=0, help="Of weights, pairs and times.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of weights, pairs and times.")] = 0,
     episodes: Annotated[
-        int | None, typer.Option(min=1, help="Demonstrations to train on; all without it.")
+        int | None, typer.Option(min=1, help="Demonstrations to train on; default: all.")
     ] = None,
     data: policies.Data = None,
     out: Annotated[
-        Path | None, typer.Option(help="The file to make; NAME.safetensors without it.")
+        Path | None, typer.Option(help="The file to write; default: NAME.safetensors.")
     ] = None,
-    rollouts: Annotated[
-        int, typer.Option(min=0, help="Episodes to try each way of drawing chunks in.")
-    ] = 50,
+    rollouts: Annotated[int, typer.Option(min=0, help="Test episodes for each sampler.")] = 50,
 ) -> None:
-    """Trains a policy for a task, saves it, and tries it; resumes where it was interrupted."""
+    """Trains a policy for a task, saves it and tests it in rollouts; resumes if interrupted."""
     out = out or Path(f"{name.replace('-', '_')}.safetensors")
     checkpoint = out.with_name(f"{out.stem}.training.safetensors")
     with reported(RuntimeError):

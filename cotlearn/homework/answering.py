@@ -1,7 +1,7 @@
-"""What happens in the process of an answer: run the cells, check the answer, run the hidden tests.
+"""Code in the process of an answer: runs the cells, checks the answer, runs the hidden tests.
 
-On Linux the process is two: one runs the answer, and the other ends it and all that it started when
-it is done or the parent is gone.
+On Linux there are two processes: one runs the answer. The other waits until the answer is done or
+the parent is gone, and then ends everything that the answer started.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import json
 import linecache
 import math
 import multiprocessing.connection
+import multiprocessing.resource_tracker
 import os
 import random
 import shutil
@@ -36,23 +37,24 @@ PRINT_LIMIT = 1_000_000  #: characters that an answer may print; more than any p
 FILE_BYTES = 200_000_000  #: that an answer may write into one file
 PROCESSES = 200  #: that an answer may start, threads included; root has no such limit
 #: What an answer may know of the environment: where programs and libraries are.
-_ENVIRONMENT = {"PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "SYSTEMROOT"} | {
+_ENVIRONMENT = {"PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "SYSTEMROOT", "TMPDIR"} | {
     *("OMP_NUM_THREADS", "MPLBACKEND", "COTLEARN_PROGRESS")
 }
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # of linux/prctl.h
+_CLONE_NEWUSER, _CLONE_NEWPID = 0x10000000, 0x20000000  # of linux/sched.h
 
 
 def clear_environment() -> None:
-    """Takes from the environment what an answer need not know."""
+    """Removes from the environment what an answer does not need."""
     for name in set(os.environ) - _ENVIRONMENT:
         del os.environ[name]
 
 
 def work(job: Job, folder: str, limits: Limits, channel: Connection, life: Connection) -> None:
-    """Does a job in this process, and sends pairs [kind, value] as JSON, which cannot run code.
+    """Does a job in this process and sends messages [kind, value] as JSON, which cannot run code.
 
-    ["begun", process] when the learner's code starts, ["found", value] for each finding of `run`,
-    each answered with the next hidden test, and ["end", problem] when all is done.
+    The messages are ["begun", process id] when the learner's code starts, ["found", value] for each
+    finding of `run`, to which the parent replies with the next hidden test, and ["end", problem].
     """
     with contextlib.suppress(AttributeError, OSError):
         os.setsid()  # so that all it starts can be ended together
@@ -65,7 +67,9 @@ def work(job: Job, folder: str, limits: Limits, channel: Connection, life: Conne
     with contextlib.suppress(Exception):
         exec(compile(job.setup, "<setup>", "exec"), namespace)
     _limit(limits)  # from here on it is the learner's code that runs
-    _send(channel, "begun", os.getpid())
+    # in a namespace of its own the process does not know its number outside, but /proc does
+    known = sys.platform == "linux"
+    _send(channel, "begun", int(os.readlink("/proc/self")) if known else os.getpid())
     problem: str | None = None
     try:
         _find(job, namespace, channel)
@@ -79,7 +83,7 @@ def work(job: Job, folder: str, limits: Limits, channel: Connection, life: Conne
 
 
 def _outlive_nobody(life: Connection) -> None:
-    """Ends this process when its parent is gone."""
+    """Ends this process as soon as its parent is gone."""
     with contextlib.suppress(EOFError, OSError):
         life.recv_bytes()
     os._exit(1)
@@ -88,13 +92,17 @@ def _outlive_nobody(life: Connection) -> None:
 def _fork(folder: str, limits: Limits, channel: Connection, life: Connection) -> None:
     """Returns in a new process; this one waits for its end, or that of the parent, and cleans up.
 
-    Processes that the answer started come to this one when they lose their parents, even if they
-    are in sessions of their own.
+    Where the system allows it, the answer is the first process of a namespace: it can end no
+    process but its own, and they all end with it. Elsewhere, processes that the answer started come
+    to this one when they lose their parents, even if they are in sessions of their own.
     """
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
+    system = ctypes.CDLL(None)
+    if system.unshare(_CLONE_NEWPID):  # not as root
+        system.unshare(_CLONE_NEWUSER | _CLONE_NEWPID)
     answer = os.fork()
     if answer == 0:
-        life.close()
+        _close_all_but(channel.fileno())
         os.setsid()
         _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         return
@@ -105,7 +113,7 @@ def _fork(folder: str, limits: Limits, channel: Connection, life: Connection) ->
         _, status, usage = os.wait4(answer, 0)
         used = usage.ru_utime + usage.ru_stime
     else:
-        shutil.rmtree(folder, ignore_errors=True)  # the parent may be gone
+        remove(folder)  # the parent may be gone
     with contextlib.suppress(ProcessLookupError):
         os.killpg(answer, signal.SIGKILL)
     with contextlib.suppress(ChildProcessError):
@@ -121,11 +129,25 @@ def _fork(folder: str, limits: Limits, channel: Connection, life: Connection) ->
         if number != signal.SIGKILL:
             signal.signal(number, signal.SIG_DFL)
         os.kill(os.getpid(), number)
-    os._exit(os.waitstatus_to_exitcode(status) if os.WIFEXITED(status) else 1)
+    os._exit(1)
+
+
+def remove(folder: str) -> None:
+    """Deletes a folder, but not thousands of folders inside each other."""
+    with contextlib.suppress(RecursionError):
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _close_all_but(kept: int) -> None:
+    """Closes all files but one: what is written into the others would end the server."""
+    os.closerange(3, kept)
+    os.closerange(kept + 1, os.sysconf("SC_OPEN_MAX"))
+    tracker: Any = multiprocessing.resource_tracker._resource_tracker
+    tracker._fd = tracker._pid = None  # the answer starts its own, if it needs one
 
 
 def _children() -> list[int]:
-    """The children of this process."""
+    """The process ids of this process's children."""
     found = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
@@ -144,9 +166,9 @@ def _send(channel: Connection, kind: str, value: object = None) -> None:
 
 
 def _find(job: Job, namespace: dict[str, Any], channel: Connection) -> None:
-    """Runs the cells, and sends what the check finds, and each hidden test that the parent sends.
+    """Runs the cells, the check, and each hidden test that the parent sends; sends the findings.
 
-    No test is in this process before the cells have run.
+    The process receives no test before the cells have run.
     """
     registry.TIME_LIMIT = math.inf  # this process has its own
     if job.as_notebook:
@@ -168,13 +190,13 @@ def _find(job: Job, namespace: dict[str, Any], channel: Connection) -> None:
 
 
 def _run_notebook(job: Job, namespace: dict[str, Any]) -> None:
-    """Runs cells in IPython, magics included; only an error in the answer's own cell counts."""
+    """Runs cells in IPython, with magics; only an error in the answer's own cell counts."""
     from IPython.core.interactiveshell import InteractiveShell
     from traitlets.config import Config
 
     class Shell(InteractiveShell):
         def enable_gui(self, gui: str | None = None) -> None:
-            """Has no windows, for `%matplotlib inline`."""
+            """Does nothing, so that `%matplotlib inline` works."""
 
     config = Config({"HistoryManager": {"enabled": False}})
     shell = Shell.instance(user_ns=namespace, config=config)
@@ -205,7 +227,7 @@ def _run_cell(cell: Cell, namespace: dict[str, Any], *, own: bool) -> None:
 
 
 def _complaint(source: str, hint: str, namespace: dict[str, Any]) -> str:
-    """What a hidden test has to say; "" if it passes."""
+    """The failure message of a hidden test; "" if it passes."""
     scope: dict[str, Any] = {}
     exec(compile(source, "<hidden test>", "exec", optimize=0), scope)  # asserts are the test
     function = next(value for value in reversed(scope.values()) if inspect.isfunction(value))
@@ -221,7 +243,7 @@ def _complaint(source: str, hint: str, namespace: dict[str, Any]) -> str:
 
 
 def _prepare(folder: str) -> None:
-    """An empty folder, no input, an output that nobody reads, the same random numbers each time."""
+    """Sets an empty folder, no input, an output that is dropped, and fixed random seeds."""
     import numpy as np
     import torch
 
@@ -242,7 +264,7 @@ def _prepare(folder: str) -> None:
 
 
 class _Counted(io.TextIOBase):
-    """Counts what is printed, and keeps none of it."""
+    """Counts the printed characters and drops them."""
 
     rest = PRINT_LIMIT
 
@@ -262,7 +284,9 @@ def _limit(limits: Limits) -> None:
         return
     used = resource.getrusage(resource.RUSAGE_SELF)
     whole = math.ceil(used.ru_utime + used.ru_stime + limits.seconds)
-    most = {resource.RLIMIT_CPU: (whole, whole + 5), resource.RLIMIT_CORE: (0, 0)}
+    # the first process of a namespace does not get SIGXCPU, which comes before the hard limit
+    hard = whole if sys.platform == "linux" else whole + 5
+    most = {resource.RLIMIT_CPU: (whole, hard), resource.RLIMIT_CORE: (0, 0)}
     most[resource.RLIMIT_FSIZE] = (FILE_BYTES, FILE_BYTES)
     if sys.platform == "linux":
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])

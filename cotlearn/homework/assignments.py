@@ -1,8 +1,8 @@
-"""Reads assignments from their master notebooks, the only source of their questions.
+"""Reads assignments from their master notebooks, which are the only source of the questions.
 
-A master is in the format of otter-grader: raw cells say where a question, its solution and its
-tests begin and end. The notebooks of the course are read in the same way; their questions are the
-cells tagged "check", and have no hidden tests.
+A master has the format of otter-grader: raw cells mark where a question, its solution and its tests
+begin and end. The notebooks of the course are read in the same way; their questions are the cells
+tagged "check" and have no hidden tests.
 """
 
 import ast
@@ -21,7 +21,7 @@ class HiddenTest:
     """A test that students do not see.
 
     Attributes:
-        source: source of one function, whose arguments are names in the student's notebook.
+        source: source code of one function; its arguments are names in the student's notebook.
         points: points for passing.
         hint: message if the test fails.
     """
@@ -37,8 +37,8 @@ class Question:
 
     Attributes:
         name: "hw1.euler" or "01.interpolate".
-        answer: the expression that is checked, most often the name of a function.
-        tests: the hidden ones.
+        answer: the expression that is checked, usually the name of a function.
+        tests: the hidden tests.
     """
 
     name: str
@@ -53,9 +53,9 @@ class Assignment:
     Attributes:
         name: "hw1" or "01".
         title: the first heading.
-        questions: in order.
-        setup: the source of the first code cell, the imports.
-        path: of the master.
+        questions: the questions, in order.
+        setup: source code of the first code cell, the imports.
+        path: path of the master.
     """
 
     name: str
@@ -69,7 +69,7 @@ def masters(folder: Path | None = None) -> list[Path]:
     """Returns the master notebooks of the homework, in order.
 
     Args:
-        folder: Another than the course's `notebooks/homework`.
+        folder: The folder to search; the course's `notebooks/homework` if None.
     """
     folder = folder or assets.course_folder() / "notebooks" / "homework"
     return sorted(path for path in folder.glob("hw*.ipynb") if re.fullmatch(r"hw\d", path.stem))
@@ -79,8 +79,8 @@ def find(name: str, folder: Path | None = None) -> Assignment:
     """Reads an assignment.
 
     Args:
-        name: "hw1", or "01" for the exercises of a notebook of the course.
-        folder: Of the masters, if they are not those of the course.
+        name: "hw1", or "01" for the exercises in a notebook of the course.
+        folder: The folder of the masters; the course's if None.
 
     Raises:
         ValueError: There is no such assignment.
@@ -93,14 +93,14 @@ def find(name: str, folder: Path | None = None) -> Assignment:
 
 
 def read(path: Path, name: str) -> Assignment:
-    """Reads a master, or a notebook of the course.
+    """Reads a master or a notebook of the course.
 
     Args:
         path: The notebook.
-        name: "hw1", "01", ...
+        name: The name of the assignment: "hw1", "01", ...
 
     Raises:
-        ValueError: It cannot be read, or a question has no check.
+        ValueError: The notebook cannot be read, or a question has no check.
     """
     from cotlearn import execution  # needs Jupyter's packages
 

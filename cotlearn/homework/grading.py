@@ -1,7 +1,7 @@
-"""Grades a folder of notebooks: several at a time, resumable, with feedback for each student.
+"""Grades a folder of notebooks, several at a time, with feedback for each student; resumable.
 
-The result for each notebook is written immediately to its own file and reused when the same
-notebook is graded with the same tests. So a run can be killed at any time and repeated.
+The result for each notebook is written to its own file at once, and reused if the same notebook is
+graded with the same tests. So a run can be killed at any time and repeated.
 """
 
 import contextlib
@@ -23,16 +23,17 @@ from cotlearn.homework import assignments, isolation, submissions
 from cotlearn.homework.isolation import Limits
 from cotlearn.homework.marking import Mark, Marked, mark
 from cotlearn.homework.registry import printable
+from cotlearn.validation import check_output
 
 
 @dataclass(frozen=True)
 class Row:
-    """One file of the folder.
+    """The result for one file in the folder.
 
     Attributes:
-        file: relative to the folder, as a text that can be printed.
-        marked: what was found.
-        kept: whether it was known from an earlier run.
+        file: path relative to the folder, as printable text.
+        marked: the result.
+        kept: whether the result comes from an earlier run.
     """
 
     file: str
@@ -49,30 +50,31 @@ def grade(
     limits: Limits,
     each: Callable[[Row, int, int], None] | None = None,
 ) -> list[Row]:
-    """Grades all notebooks in a folder and its subfolders; every file has a row.
+    """Grades all notebooks in a folder and its subfolders; every file gets a row.
 
     Args:
-        folder: With the notebooks; they are read, not changed.
-        out: The table to write, as CSV with a row for each notebook. Feedback goes to a folder of
-            the same name without ".csv", one text for each notebook.
-        masters: The folder of the master notebooks; those of the course if None.
-        workers: Notebooks at a time; as many as there are cores if None.
-        limits: On each question.
-        each: Called as (row, notebooks done, notebooks in all).
+        folder: The folder of the notebooks; they are read, not changed.
+        out: The table to write, a CSV file with one row per file. Feedback goes to a folder of the
+            same name without ".csv", one text per file.
+        masters: The folder of the master notebooks; the course's if None.
+        workers: Number of notebooks graded in parallel; the number of cores if None.
+        limits: The limits on each question.
+        each: Called after each file as each(row, files done, files in total).
 
     Returns:
-        The rows, in the order of the files' names.
+        The rows, sorted by file name.
 
     Raises:
-        ValueError: There is no such folder, or no notebook in it, `out` is a folder, or the masters
-            are none.
-        KeyboardInterrupt: Ctrl-C; what is done is kept.
+        ValueError: The folder is missing or holds no notebook, `out` cannot be written, or there
+            are no masters with hidden tests.
+        KeyboardInterrupt: Ctrl-C was pressed; finished results are kept.
     """
     if not folder.is_dir():
         raise ValueError(f"folder must be a folder of notebooks, got {folder}")
     if out.is_dir() or not out.suffix:
         raise ValueError(f"out must be a file such as grades.csv, got {out}")
     feedback = out.with_suffix("")
+    check_output(feedback / "text", "out")
     files = _handed_in(folder, {out.absolute(), feedback.absolute()})
     if not files:
         raise ValueError(f"there is no notebook (*.ipynb) in {folder}")
@@ -118,7 +120,7 @@ def grade(
 
 
 def _masters(folder: Path | None) -> list[Path]:
-    """The masters, if they can be used: a wrong folder is no student's fault."""
+    """Returns the masters; raises ValueError if there are none or they have no hidden tests."""
     paths = assignments.masters(folder)
     if not paths:
         raise ValueError(f"there is no master notebook (hw1.ipynb, ...) in {folder}")
@@ -130,9 +132,9 @@ def _masters(folder: Path | None) -> list[Path]:
 
 
 def _handed_in(folder: Path, own: set[Path]) -> list[Path]:
-    """All files of a folder and its subfolders but hidden ones and this program's own.
+    """All files in a folder and its subfolders, except hidden files and this program's own.
 
-    A folder is among them if it has the name of a notebook, or cannot be opened.
+    Folders that have the name of a notebook or cannot be opened are included.
     """
     found: set[Path] = set()
     walk = os.walk(folder, onerror=lambda error: found.add(Path(error.filename)))
@@ -148,7 +150,7 @@ def _handed_in(folder: Path, own: set[Path]) -> list[Path]:
 
 
 def _texts(files: list[Path]) -> dict[Path, Path]:
-    """Where the feedback for each file goes: beside its name, if a file can have that name."""
+    """The path of each file's feedback: the file's own name with .md, if that name is usable."""
     texts: dict[Path, Path] = {}
     folders = {parent for file in files for parent in file.parents}
     for file in files:
@@ -163,14 +165,14 @@ def _texts(files: list[Path]) -> dict[Path, Path]:
 
 
 class _Known:
-    """What earlier runs found, signed, so that an answer cannot write it.
+    """Results of earlier runs, signed so that an answer cannot forge them.
 
-    The key is the environment variable `COTLEARN_GRADING_KEY`, which answers do not get, or else in
-    a file of this account, which code that means harm can find.
+    The key is the environment variable `COTLEARN_GRADING_KEY`, which answers do not receive;
+    without it, a file in the home folder, which malicious code can find.
 
     Args:
-        folder: A file for each notebook goes there.
-        salt: What the results depend on, besides the notebook.
+        folder: The folder with one file per notebook.
+        salt: Everything but the notebook that the results depend on.
     """
 
     def __init__(self, folder: Path, salt: str) -> None:
@@ -185,7 +187,7 @@ class _Known:
         self._key = (secret or file.read_text(encoding="ascii")).encode()
 
     def read(self, file: Path, content: bytes) -> Marked | None:
-        """Returns what is known of a notebook with this content."""
+        """Returns the stored result for a notebook with this content, or None."""
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # missing or torn
             record = json.loads(self._path(file).read_text(encoding="utf-8"))
             signature = self._sign(file, content, record["marked"])
@@ -195,7 +197,7 @@ class _Known:
         return None
 
     def write(self, file: Path, content: bytes, marked: Marked) -> None:
-        """Stores what was found."""
+        """Stores a result."""
         found = asdict(marked)
         record = {"signature": self._sign(file, content, found), "marked": found}
         write_text(self._path(file), json.dumps(record, indent=1) + "\n")
@@ -212,7 +214,7 @@ class _Known:
 def _marked(
     path: Path, file: Path, known: _Known, masters: Path | None, limits: Limits, *, alone: bool
 ) -> tuple[Marked, bool]:
-    """What was found about a file, and whether it was known from an earlier run."""
+    """Returns the result for a file, and whether it comes from an earlier run."""
     try:
         submissions.examine(path)
         content = path.read_bytes()
@@ -234,7 +236,7 @@ def _marked(
 
 
 def table(rows: Iterable[Row]) -> str:
-    """Returns a CSV table: file, assignment, points, what could be earned, note, each question."""
+    """Returns a CSV table: file, assignment, points, possible points, note, each question."""
     rows = list(rows)
     asked = dict.fromkeys(item.question for row in rows for item in row.marked.marks)
     questions = sorted(asked, key=lambda name: name.split(".")[0])  # keeps an assignment's order
@@ -253,12 +255,12 @@ def table(rows: Iterable[Row]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Keeps a spreadsheet from taking a student's text for a formula."""
+    """Escapes a student's text that a spreadsheet would take for a formula."""
     return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t")) else text
 
 
 def feedback_text(file: str, marked: Marked) -> str:
-    """Returns what a student gets to read, as Markdown."""
+    """Returns the feedback for a student, as Markdown."""
     if not marked.marks:
         return f"# {file}\n\nThis could not be graded: {marked.note}.\n"
     lines = [f"# {marked.title}", "", f"{file}: {marked.points:g} of {marked.out_of:g} points", ""]

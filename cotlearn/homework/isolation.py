@@ -1,9 +1,9 @@
 """Runs one question in a separate process, with limits on time, memory and output.
 
 This isolates accidents: an endless loop, an `exit()`, a flood of prints or an array that fills the
-memory affects only its own question. It is no security sandbox: malicious code has all rights of
-the user who runs it (see docs/teaching/grading.md). This file is the parent, which starts the
-process and listens; `answering.py` is what happens in the process.
+memory affects only its own question. It is not a security sandbox: malicious code has all rights
+of the user who runs it (see docs/teaching/grading.md). This module is the parent, which starts the
+process and receives its results; `answering.py` runs in the process.
 """
 
 import contextlib
@@ -27,15 +27,18 @@ from typing import Any
 from cotlearn.homework import answering, registry
 from cotlearn.homework.assignments import HiddenTest, Question
 from cotlearn.homework.submissions import Cell
+from cotlearn.validation import check_positive
 
 START = 300.0  #: seconds that a process may take to begin, on a very busy machine
 _MESSAGE_BYTES = 1_000_000
+_MESSAGE_SECONDS = 10.0  #: until the rest of a message must have come
+_SERVER_GONE = 255  #: multiprocessing's exit code of processes whose server has ended
 #: Set it to end all `run` of this program within half a second.
 stopping = threading.Event()
 
 
 class Disturbed(RuntimeError):
-    """The process of an answer ended for a reason that is not the answer's."""
+    """The process of an answer ended for a reason that is not the answer's fault."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +46,10 @@ class Limits:
     """The time and memory limits of a question.
 
     Attributes:
-        seconds: of computing. An answer that sleeps is stopped after three times as long; one that
-            only waits for a core of a busy machine is not (on Linux).
-        gigabytes: of memory, on top of what Python and torch take; only where the system can
-            (`has_memory_limit`).
+        seconds: computing time. An answer that sleeps is stopped after three times as long; on
+            Linux, one that only waits for a core of a busy machine is not.
+        gigabytes: memory, in addition to what Python and torch need; only on systems with
+            `has_memory_limit`.
     """
 
     seconds: float = 60.0
@@ -54,8 +57,7 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name in ("seconds", "gigabytes"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+            check_positive(getattr(self, name), name)
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ class Job:
 
 
 def has_memory_limit() -> bool:
-    """Tells whether this system can limit the memory of a process; of ours, only Linux can."""
+    """Tells whether this system can limit the memory of a process; only Linux can."""
     return sys.platform == "linux"
 
 
@@ -90,11 +92,11 @@ def run(job: Job, limits: Limits) -> tuple[list[Any], str | None]:
         limits: Limits on time and memory.
 
     Returns:
-        The findings (the verdict and sentence of the check, then the failure message of each hidden
-        test, "" if it passes); and the reason why the process did not finish, or None if it did.
+        The findings: the verdict and sentence of the check, then the failure message of each hidden
+        test, "" if it passed. And the reason why the process did not finish, None if it did.
 
     Raises:
-        Disturbed: The process did not even begin, or was killed by another program or the system.
+        Disturbed: The process did not begin, or was killed by another program or the system.
         KeyboardInterrupt: `stopping` was set.
     """
     context = _context()
@@ -102,33 +104,37 @@ def run(job: Job, limits: Limits) -> tuple[list[Any], str | None]:
     watched, life = context.Pipe(duplex=False)  # ends with this program, or when it is closed
     tests = list(job.question.tests)
     bare = replace(job, question=replace(job.question, tests=()))
-    with tempfile.TemporaryDirectory(prefix="cotlearn-", ignore_cleanup_errors=True) as folder:
-        process = context.Process(  # type: ignore[attr-defined]
-            target=answering.work, args=(bare, folder, limits, theirs, watched)
-        )
+    folder = tempfile.mkdtemp(prefix="cotlearn-")
+    process = context.Process(  # type: ignore[attr-defined]
+        target=answering.work, args=(bare, folder, limits, theirs, watched)
+    )
+    try:
         process.start()
         theirs.close()
         watched.close()
-        try:
-            return _listen(ours, process, limits, tests)
-        finally:
-            life.close()
-            _end(process)
-            ours.close()
+        return _listen(ours, life, process, limits, tests)
+    except (OSError, EOFError) as error:  # the server is gone
+        raise Disturbed(f"the process for an answer did not start: {error}") from error
+    finally:
+        life.close()
+        _end(process)
+        ours.close()
+        answering.remove(folder)
 
 
 def start_server() -> None:
-    """Loads all that answers need, so that `run` begins at once; Ctrl-C ends this, too."""
+    """Imports everything that answers need, so that `run` starts quickly; Ctrl-C ends it."""
     process = _context().Process(target=int)  # type: ignore[attr-defined]
     process.start()
     process.join()
 
 
 def _listen(
-    channel: Connection, process: Any, limits: Limits, tests: list[HiddenTest]
+    channel: Connection, life: Connection, process: Any, limits: Limits, tests: list[HiddenTest]
 ) -> tuple[list[Any], str | None]:
     found: list[Any] = []
-    answer = 0  # its process, once it has begun
+    most = 1 + len(tests)  # findings: of the check, and of each test
+    answer = ticks = 0  # its process, once it has begun, and what it has computed
     deadline = time.monotonic() + START
     while True:
         if stopping.is_set():
@@ -138,12 +144,19 @@ def _listen(
         ready = multiprocessing.connection.wait([channel, process.sentinel], wait)
         if channel in ready:
             try:
-                kind, value = json.loads(channel.recv_bytes(_MESSAGE_BYTES))
+                watch = threading.Timer(_MESSAGE_SECONDS, life.close)  # this ends the process
+                watch.start()
+                try:
+                    kind, value = json.loads(channel.recv_bytes(_MESSAGE_BYTES))
+                finally:
+                    watch.cancel()
                 if kind == "end":
                     return found, None if value is None else str(value)
-                if kind == "begun":  # loading is not the learner's time
+                if kind == "begun" and not answer:  # loading is not the learner's time
                     answer, deadline = int(value), time.monotonic() + 3 * limits.seconds
                     continue
+                if kind != "found" or len(found) == most:
+                    raise ValueError("no message that is expected here")
                 found.append(str(value) if found else _verdict(value))
                 test = tests.pop(0) if tests else None
                 channel.send_bytes(json.dumps(test and [test.source, test.hint]).encode())
@@ -156,35 +169,37 @@ def _listen(
         elif rest <= 0:
             if not answer:
                 raise Disturbed("the process for an answer took too long to start")
-            if not _waits_for_a_core(answer):
+            before, ticks = ticks, _computed(answer)
+            if ticks <= before:
                 return found, registry.too_long(limits.seconds)
             deadline += limits.seconds  # its computing time is limited by the system
 
 
 def _verdict(value: Any) -> list[str]:
-    """The verdict of the self-check and its sentence, from what a process sent."""
+    """The verdict of the self-check and its sentence, from a process's message."""
     verdict, sentence = value
     return [str(registry.Verdict(verdict)), str(sentence)]
 
 
-def _waits_for_a_core(pid: int) -> bool:
-    """Tells a process that a busy machine holds up from one that sleeps; False if unknown."""
+def _computed(pid: int) -> int:
+    """Clock ticks that a process has computed if it waits for a core or a disk now; 0 if not."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
     except OSError:
-        return False
-    return stat.rpartition(")")[2].split()[0] in {"R", "D"}
+        return 0
+    words = stat.rpartition(")")[2].split()
+    return int(words[11]) + int(words[12]) if words[0] in {"R", "D"} else 0
 
 
 def _why(process: Any, limits: Limits, *, begun: bool) -> str:
-    """A sentence for a process that ended without its last message."""
+    """Explains why a process ended before its last message."""
     process.join(5)
     code = process.exitcode
     if not begun:
         raise Disturbed(f"the process for an answer did not start (exit code {code})")
     if hasattr(signal, "SIGXCPU") and code == -signal.SIGXCPU:
         return registry.too_long(limits.seconds)
-    if code in (-signal.SIGTERM, -getattr(signal, "SIGKILL", signal.SIGTERM)):
+    if code in (-signal.SIGTERM, -getattr(signal, "SIGKILL", signal.SIGTERM), _SERVER_GONE):
         raise Disturbed("the process of this answer was killed from outside")
     if code is not None and code < 0:
         name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
@@ -194,7 +209,9 @@ def _why(process: Any, limits: Limits, *, begun: bool) -> str:
 
 
 def _end(process: Any) -> None:
-    """Ends a process and all that it started."""
+    """Ends a process and everything that it started."""
+    if process.pid is None:
+        return
     process.join(2)  # it ends by itself, as its life was closed
     if process.is_alive() and hasattr(os, "killpg"):
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -206,9 +223,9 @@ def _end(process: Any) -> None:
 
 @functools.cache
 def _context() -> BaseContext:
-    """On Linux processes start from a server that has imported torch once, elsewhere anew.
+    """On Linux, processes are forked from a server that has imported torch; elsewhere they spawn.
 
-    On macOS there is a fork, too, but its numerical libraries do not survive it.
+    macOS has fork, too, but its numerical libraries do not survive it.
     """
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")

@@ -1,4 +1,4 @@
-"""Marks one notebook: every question in its own process, with a sentence about each."""
+"""Marks one notebook: each question in its own process, with a sentence about the result."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -80,16 +80,16 @@ def mark(
 
     Args:
         path: The learner's notebook; it is read, not changed.
-        hidden: Run the hidden tests, too, for points.
-        masters: The folder of the master notebooks; those of the course if None.
-        limits: On each question.
-        alone: Nothing else is marked at the same time: an answer that is killed from outside is
-            tried once more.
-        each: Called with every mark as it is found.
+        hidden: Whether to run the hidden tests, which give points.
+        masters: The folder of the master notebooks; the course's if None.
+        limits: The limits on each question; the default ones if None.
+        alone: Whether nothing else is marked at the same time. If so, an answer that is killed from
+            outside is tried once more.
+        each: Called with each mark as soon as it is known.
 
     Raises:
-        Disturbed: An answer was killed from outside, and `alone` is False.
-        ValueError: The file is no notebook, or belongs to no assignment.
+        Disturbed: An answer was killed from outside and `alone` is False.
+        ValueError: The file is not a notebook, or it belongs to no assignment.
     """
     submission = submissions.read(path)
     if submission.assignment is None:
@@ -110,7 +110,7 @@ def mark(
 def _mark(
     submission: Submission, question: Question, setup: str, limits: Limits, *, alone: bool
 ) -> Mark:
-    """Marks an answer with what it needs, and, if that fails, after all cells above its check."""
+    """Marks an answer with the cells it needs; if that fails, with all cells above its check."""
     out_of = sum(test.points for test in question.tests)
     names = submissions.names_in(question.answer)
     found = {name: submission.defining(name) for name in sorted(names)}
@@ -129,7 +129,7 @@ def _mark(
 
 
 def _tried(job: Job, limits: Limits, *, alone: bool) -> Mark:
-    """Does a job, and once more if it is disturbed and nothing else runs."""
+    """Runs a job, and repeats it once if it is disturbed and nothing else runs."""
     question = job.question
     sure = True
     try:
@@ -153,7 +153,7 @@ def _tried(job: Job, limits: Limits, *, alone: bool) -> Mark:
 
 
 def _missing(submission: Submission, question: Question, name: str) -> str:
-    """Why there is no answer of this name, as far as the notebook tells."""
+    """A sentence that explains why the notebook has no answer of this name."""
     for cell in submission.cells:
         mentions = f"def {name}(" in cell.source or f"{name} =" in cell.source
         if cell.error and (cell.question == question.name or mentions):
@@ -171,7 +171,7 @@ def _missing(submission: Submission, question: Question, name: str) -> str:
 
 
 def _note(submission: Submission) -> str:
-    """A word where the notebook was made for another minor version of cotlearn."""
+    """A note if the notebook was made with another minor version of cotlearn, else ""."""
     made, here = submission.version, cotlearn.__version__
     same = not made or made.split(".")[:2] == here.split(".")[:2]
     return "" if same else f"made with cotlearn {printable(made, 40)}, marked with {here}"

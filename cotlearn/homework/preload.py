@@ -1,4 +1,4 @@
-"""Imported once by the server from which the processes of questions start: all that takes time."""
+"""Slow imports, done once by the server process from which the answers' processes are forked."""
 
 import os
 import threading

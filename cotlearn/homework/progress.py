@@ -1,7 +1,7 @@
-"""What a learner has done so far: one small file on this machine, which is never sent anywhere.
+"""The learner's progress: one small file on this machine, which is never sent anywhere.
 
-In a checkout it is `.cotlearn-progress.json` in its root, else `.cotlearn/progress.json` in the
-user's home.
+In a checkout it is `.cotlearn-progress.json` in the root, else `.cotlearn/progress.json` in the
+user's home folder.
 """
 
 import contextlib
@@ -16,7 +16,7 @@ from cotlearn.files import write_text
 
 
 def file() -> Path:
-    """Returns the path of the file, whether it exists or not."""
+    """Returns the path of the file, which may not exist yet."""
     root = assets.checkout()
     if root is not None:
         return root / ".cotlearn-progress.json"
@@ -24,7 +24,7 @@ def file() -> Path:
 
 
 def in_notebook() -> bool:
-    """Tells whether a person works in a notebook; False where a notebook runs without one."""
+    """Tells whether a person is working in a notebook; False if it is executed by a program."""
     if os.environ.get("COTLEARN_PROGRESS") == "0" or "IPython" not in sys.modules:
         return False
     shell = sys.modules["IPython"].get_ipython()
@@ -32,7 +32,7 @@ def in_notebook() -> bool:
 
 
 def read() -> dict[str, dict[str, str]]:
-    """Returns {exercise: {"verdict": ..., "when": ...}}; empty if nothing can be read."""
+    """Returns {exercise: {"verdict": ..., "when": ...}}; empty if the file cannot be read."""
     try:
         stored = json.loads(file().read_text(encoding="utf-8"))["exercises"]
         return {name: {k: item[k] for k in ("verdict", "when")} for name, item in stored.items()}
@@ -41,9 +41,9 @@ def read() -> dict[str, dict[str, str]]:
 
 
 def remember(verdicts: dict[str, str]) -> None:
-    """Adds verdicts to the file; an exercise that is "not attempted yet" keeps its old one.
+    """Adds verdicts to the file; "not attempted yet" does not replace an earlier verdict.
 
-    A file that cannot be written is no reason to stop a learner.
+    If the file cannot be written, nothing happens.
 
     Args:
         verdicts: {exercise: verdict}.

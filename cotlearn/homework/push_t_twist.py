@@ -1,6 +1,6 @@
-"""Push-T with a twist, for homework 4: the goal lies elsewhere, or a round obstacle is in the way.
+"""Push-T with a twist, for homework 4: another goal, or a round obstacle in the way.
 
-The obstacle is not solid: the finger may run over it, and that is counted.
+The obstacle is not solid: the finger can pass over it, and the steps inside it are counted.
 """
 
 import itertools
@@ -56,15 +56,15 @@ def covered(states: Array, goal: tuple[float, float, float]) -> Array:
 
 
 def play(act: Callable[[Array], Array], twist: Twist) -> Played:
-    """Plays 20 episodes side by side to `MAX_STEPS`; their starts are outside of the obstacle.
+    """Plays 20 episodes in parallel for `MAX_STEPS` steps, from starts outside the obstacle.
 
     Args:
-        act: Histories of two states, (20, 2, 5), to actions (20, n, 2) in the world; all n are
-            done before it is asked again.
+        act: Maps histories of two states (20, 2, 5) to actions (20, n, 2) in world coordinates; all
+            n actions are executed before the next call.
         twist: The goal and the obstacle.
 
     Raises:
-        ValueError: `act` returns another shape, or places outside the world.
+        ValueError: `act` returns another shape or a position outside the world.
     """
     sim = PushTVectorSim(_starts(twist))
     path = [sim.states]

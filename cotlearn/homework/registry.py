@@ -1,7 +1,7 @@
-"""The machinery behind `check`: finds the check of an exercise and runs it on an answer.
+"""Finds the check of an exercise and runs it on an answer.
 
-`judge` gives the verdict and a sentence, `check` prints them in a notebook, and `require` raises
-them in a hidden test of the homework.
+`judge` returns the verdict and a sentence about it, `check` prints them in a notebook, and
+`require` raises an AssertionError with the sentence in a hidden test.
 """
 
 import difflib
@@ -30,14 +30,14 @@ _correct: set[str] = set()  # in this process
 
 
 class _Silent:
-    """Shows nothing as the last value of a cell."""
+    """Displays nothing when it is the last value of a cell."""
 
     def _ipython_display_(self) -> None:
         pass
 
 
 class Verdict(_Silent, enum.StrEnum):
-    """What a check says about an answer; silent, because `check` has printed it already."""
+    """The verdict of a check; it displays nothing in a notebook, because `check` has printed it."""
 
     NOT_ATTEMPTED = "not attempted yet"
     NOT_YET = "not yet"
@@ -45,11 +45,11 @@ class Verdict(_Silent, enum.StrEnum):
 
 
 class NotYet(Exception):
-    """Raised by a check with a sentence that helps the learner on."""
+    """Raised by a check; the message is a hint for the learner."""
 
 
 class Stopped(BaseException):
-    """The answer cannot go on, and why; no Exception, so that no `except` in it swallows this."""
+    """Stops an answer with a reason; a BaseException, so that no `except Exception` catches it."""
 
 
 def exercise(name: str) -> Callable[[_Check], _Check]:
@@ -59,12 +59,12 @@ def exercise(name: str) -> Callable[[_Check], _Check]:
         name: "NN.short_name", where NN is the number of the notebook, or "hwN.short_name".
 
     Returns:
-        A decorator for a function that takes the answer, raises `NotYet("a helpful sentence")` if
-        it is wrong, and returns if it is right. With a second argument, `seed=0`, it draws other
-        numbers for other seeds, so that a hidden test can ask again.
+        A decorator for a function that takes the answer, raises `NotYet("a hint")` if it is wrong
+        and returns if it is correct. If it has a second argument, `seed=0`, a hidden test can
+        repeat the check with other random numbers.
 
     Raises:
-        ValueError: If the name has another form or is taken.
+        ValueError: If the name has another form or is already registered.
 
     Example:
         >>> @exercise("00.two")
@@ -94,9 +94,9 @@ def exercises() -> list[str]:
 def check(answer: object, name: str) -> Verdict:
     """Checks an answer and prints what it found.
 
-    A wrong answer never raises. An exception inside the learner's function becomes a sentence,
-    and so does a function that does not come to an end (not on Windows: interrupt the kernel).
-    In a notebook the verdict is kept for `cotlearn progress`, in a file on this machine.
+    A wrong answer never raises. An exception in the learner's function is reported as a sentence,
+    and so is a function that runs too long (not on Windows: interrupt the kernel there). In a
+    notebook, the verdict is stored for `cotlearn progress` in a file on this machine.
 
     Args:
         answer: The learner's function or value. `None`, `...`, and a function that raises
@@ -124,12 +124,12 @@ def check(answer: object, name: str) -> Verdict:
 
 
 def passed(*names: str) -> bool:
-    """Tells whether answers were found correct by `check` since this kernel started.
+    """Tells whether `check` has found these answers correct since the kernel started.
 
-    For cells that use the answers: it prints what is still to do.
+    Use it in cells that need the answers: it prints the exercises that are still missing.
 
     Args:
-        *names: Of exercises, as "hw1.euler".
+        *names: Names of exercises, such as "hw1.euler".
     """
     missing = [name for name in names if name not in _correct]
     if missing:
@@ -138,15 +138,15 @@ def passed(*names: str) -> bool:
 
 
 def require(answer: object, name: str, *, seed: int | None = None) -> None:
-    """Raises AssertionError unless an answer is correct, for use in hidden tests.
+    """Raises AssertionError unless an answer is correct; for hidden tests.
 
     Args:
-        answer: As in `check`.
-        name: As in `check`.
-        seed: Seed of the numbers that the check draws; the seed of `check` if None.
+        answer: As for `check`.
+        name: As for `check`.
+        seed: Seed of the check's random numbers; the default seed of the check if None.
 
     Raises:
-        AssertionError: The answer is wrong; the message is a helpful sentence.
+        AssertionError: The answer is wrong; the message is a hint.
     """
     verdict, sentence = judge(answer, name, seed=seed)
     if verdict is not Verdict.CORRECT:
@@ -154,16 +154,16 @@ def require(answer: object, name: str, *, seed: int | None = None) -> None:
 
 
 def judge(answer: object, name: str, *, seed: int | None = None) -> tuple[Verdict, str]:
-    """Returns the verdict on an answer, and a sentence about it.
+    """Returns the verdict on an answer and a sentence about it.
 
     Args:
-        answer: As of `check`.
-        name: As of `check`.
-        seed: As of `require`.
+        answer: As for `check`.
+        name: As for `check`.
+        seed: As for `require`.
 
     Raises:
-        TypeError: As `check`.
-        ValueError: As `check`.
+        TypeError: As for `check`.
+        ValueError: As for `check`.
     """
     function = _find(name)
     options = {} if seed is None else {"seed": seed}
@@ -200,7 +200,7 @@ def _is_stub(answer: object) -> bool:
 
 
 def _watched(function: Any) -> Callable[..., Any]:
-    """Wraps a learner's function, so that the stub and its own errors are told apart."""
+    """Wraps a learner's function, to tell unchanged stubs from errors in the function."""
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -218,7 +218,7 @@ def _watched(function: Any) -> Callable[..., Any]:
 
 
 def too_long(seconds: float) -> str:
-    """What is said of an answer that was stopped."""
+    """The sentence about an answer that ran too long."""
     return (
         f"your answer ran for longer than {seconds:g} seconds and was stopped; is there a loop "
         "that never ends?"
@@ -226,7 +226,7 @@ def too_long(seconds: float) -> str:
 
 
 def said(error: BaseException) -> str:
-    """What a learner's code did when it raised: "raised ValueError: ...", or a plainer word."""
+    """Describes an exception in a learner's code: "raised ValueError: ...", or plainer words."""
     text = " ".join(str(error).split()) or "(no message)"
     if isinstance(error, MemoryError) or "allocate memory" in text or "not enough memory" in text:
         return "asked for more memory than it may have; look at the shapes that meet in it"
@@ -242,9 +242,9 @@ def said(error: BaseException) -> str:
 
 
 def printable(text: str, most: int = 500) -> str:
-    r"""Returns a text of which a terminal and a file can show every character, shortened to `most`.
+    r"""Returns a text that is safe to print and to store, with at most `most` characters.
 
-    Control characters, escape sequences and lone surrogates are written as Python would, `\x1b`.
+    Control characters, escape sequences and lone surrogates are escaped as in Python, `\x1b`.
     """
     shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[:most])
     return "".join(shown) + ("…" if len(text) > most else "")

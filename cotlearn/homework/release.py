@@ -38,16 +38,16 @@ def make(
 ) -> None:
     """Makes all versions and checks that solutions pass and unchanged stubs fail.
 
-    For each homework `out` gets `student/hw1.ipynb` to hand out, `autograder/hw1/` with the
-    solutions and otter's zip file, and `masters/hw1.ipynb`, which `cotlearn grade --masters` takes.
-    Without a secret seed the student versions are also put where the course keeps them.
+    For each homework, `out` receives `student/hw1.ipynb` to hand out, `autograder/hw1/` with the
+    solutions and otter's zip file, and `masters/hw1.ipynb` for `cotlearn grade --masters`. Without
+    a secret seed, the student versions are also written to the course's own folder.
 
     Args:
-        out: The folder; made if it does not exist.
-        masters: The folder of the masters; those of the course if None.
-        secret_seed: Any text; gives the hidden tests numbers that are in no public file. Answers
-            can see them while they are graded. The student versions stay the same.
-        requirements: What pip must install in otter's container, cotlearn among it.
+        out: The destination folder; created if it does not exist.
+        masters: The folder of the masters; the course's if None.
+        secret_seed: Any text; gives the hidden tests random numbers that are in no public file.
+            Answers can see them while they are graded. The student versions do not change.
+        requirements: A requirements file for otter's container; it must include cotlearn.
         say: Called with each line of the report.
 
     Raises:
@@ -80,12 +80,12 @@ def make(
 
 
 def seeded(notebook: Any, name: str, secret: str | None) -> Any:
-    """Gives the hidden tests of a master other numbers, from a secret; changes the notebook.
+    """Replaces the seeds of a master's hidden tests by numbers derived from a secret, in place.
 
     Args:
         notebook: The master.
-        name: Of the homework.
-        secret: None leaves it as it is.
+        name: The name of the homework.
+        secret: Any text; None leaves the notebook unchanged.
     """
     if secret is None:
         return notebook
@@ -100,11 +100,11 @@ def seeded(notebook: Any, name: str, secret: str | None) -> Any:
 
 
 def stamped(notebook: Any, master: Path) -> Any:
-    """Gives a student version its stamp: with which cotlearn, and from which master.
+    """Stamps a student version with the version of cotlearn and its master's hash, in place.
 
     Args:
-        notebook: As otter made it; changed.
-        master: The master that it was made from.
+        notebook: The student version that otter made.
+        master: The path of the master that it was made from.
     """
     name, version = master.stem, cotlearn.__version__
     stamp = {"assignment": name, "version": version, "master": fingerprint(master)}
@@ -130,14 +130,14 @@ def stamped(notebook: Any, master: Path) -> Any:
 
 
 def fingerprint(master: Path) -> str:
-    """Returns a short hash of what a master says, whatever its outputs and its line ends."""
+    """Returns a short hash of a master's cells; outputs and metadata do not change it."""
     cells = read(master).cells
     text = "\0".join(f"{cell.cell_type}\0{cell.source}" for cell in cells)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _assign(master: Path, out: Path) -> tuple[Any, Path]:
-    """Runs otter; returns the student version and the path of that with solutions."""
+    """Runs otter; returns the student version and the path of the version with solutions."""
     target = out / "autograder" / master.stem
     shutil.rmtree(target, ignore_errors=True)
     with tempfile.TemporaryDirectory() as folder:
@@ -160,7 +160,7 @@ def _otter(*words: str | Path) -> None:
 
 
 def _points_by_otter(name: str, out: Path) -> float:
-    """What otter gives the student version."""
+    """The points that otter gives the unchanged student version."""
     file = next((out / "autograder" / name).glob("*.zip"))
     with tempfile.TemporaryDirectory() as folder:
         student = out / "student" / f"{name}.ipynb"
@@ -170,7 +170,7 @@ def _points_by_otter(name: str, out: Path) -> float:
 
 
 def _try(name: str, out: Path, solutions: Path, say: Callable[[str], None]) -> None:
-    """Marks the solutions, which must get all points, and the stubs, which must get none."""
+    """Checks that the solutions get all points and the unchanged stubs none."""
     right = mark(solutions, hidden=True, masters=out / "masters")
     stubs = mark(out / "student" / f"{name}.ipynb", hidden=True, masters=out / "masters")
     wrong = [f"{item.question}: {item.sentence}" for item in right.marks if not item.correct]

@@ -1,7 +1,7 @@
 """Reads a learner's notebook and extracts the cells that one answer needs.
 
-An answer is run only with the cells that define the names it uses. So a cell that experiments,
-fails or never ends does no harm unless an answer needs it.
+An answer runs only with the cells that define the names it uses. A cell that fails or never ends
+does no harm unless an answer needs it.
 """
 
 import builtins
@@ -17,6 +17,8 @@ from typing import Any
 _NAME = re.compile(r"\b(\d\d|hw\d)\.[a-z]")
 _FILE = re.compile(r"(?<![A-Za-z0-9])(hw\d|\d\d(?=_))")
 MOST_BYTES = 20_000_000  #: of a notebook; figures in the course's take less than 1
+MOST_CODE = 1_000_000  #: characters in all code cells; Python needs 200 bytes to read one
+MOST_CELLS = 2_000
 #: What a student may hand in instead of a notebook, by the end of its name.
 _OTHERS = {
     ".py": "a Python file; hand in the notebook (.ipynb)",
@@ -43,13 +45,13 @@ class Cell:
     """A code cell.
 
     Attributes:
-        number: among all cells, counted from 1 as a reader would.
-        source: without the lines that only IPython understands.
-        written: with them.
-        question: the question that the cell was made to answer, if it still says so.
-        error: where its syntax is wrong, in words.
-        binds: names that it defines when it is run.
-        uses: names that it needs from elsewhere.
+        number: position among all cells, counted from 1.
+        source: source code without the lines that only IPython understands.
+        question: the question that the cell answers, if its metadata still name it.
+        error: description of a syntax error; None if there is none.
+        binds: names that the cell defines.
+        uses: names that it uses and does not define first.
+        written: source code as written, IPython's lines included.
     """
 
     number: int
@@ -60,14 +62,19 @@ class Cell:
     uses: frozenset[str] = frozenset()
     written: str = ""
 
+    def checks(self, question: re.Pattern[str]) -> bool:
+        """Whether a line calls check(...) with this question."""
+        after = (line.partition("check(")[2] for line in self.source.splitlines())
+        return any(map(question.search, after))
+
 
 @dataclass(frozen=True)
 class Submission:
     """A notebook that was read.
 
     Attributes:
-        assignment: "hw1", "01", ..., or None if nothing in the notebook tells.
-        version: of cotlearn that the notebook was made with; "" if it is not stamped.
+        assignment: "hw1", "01", ..., or None if the notebook does not tell.
+        version: version of cotlearn that made the notebook; "" without a stamp.
         cells: the code cells.
     """
 
@@ -76,13 +83,13 @@ class Submission:
     cells: tuple[Cell, ...]
 
     def defining(self, name: str, before: int | None = None) -> Cell | None:
-        """Returns the last cell that defines a name, before a cell number if there is one."""
+        """Returns the last cell that defines a name, if possible above the cell number `before`."""
         found = [cell for cell in self.cells if name in cell.binds]
         earlier = [cell for cell in found if before is None or cell.number < before]
         return earlier[-1] if earlier else next(iter(found), None)
 
     def needed(self, names: set[str]) -> list[Cell]:
-        """Returns the cells that define these names, and what those cells need, in order."""
+        """Returns, in order, the cells that define these names and all cells that those need."""
         chosen: dict[int, Cell] = {}
         wanted: list[tuple[str, int | None]] = [(name, None) for name in sorted(names)]
         while wanted:
@@ -93,20 +100,20 @@ class Submission:
         return [chosen[number] for number in sorted(chosen)]
 
     def until(self, question: str, names: set[str]) -> list[Cell]:
-        """Returns all cells down to the check of a question and the last definition of names."""
-        check = re.compile(rf"check\(.*{re.escape(question)}\b")
-        ends = [c.number for c in self.cells if check.search(c.source) or c.binds & names]
+        """Returns all cells down to a question's check and the last definition of the names."""
+        name = re.compile(rf"{re.escape(question)}\b")
+        ends = [c.number for c in self.cells if c.binds & names or c.checks(name)]
         return [cell for cell in self.cells if not ends or cell.number <= max(ends)]
 
 
 def examine(path: Path) -> None:
-    """Looks at the kind and the size of a file without opening it.
+    """Checks the kind and size of a file without opening it.
 
     Args:
-        path: Of a file that was handed in; a link counts as such.
+        path: The path of a file that was handed in; links are not followed.
 
     Raises:
-        ValueError: It cannot be a notebook; the message is for the learner.
+        ValueError: The file cannot be a notebook; the message is for the learner.
     """
     try:
         found = path.lstat()
@@ -134,8 +141,8 @@ def read(path: Path) -> Submission:
         path: An `.ipynb` file of Python.
 
     Raises:
-        ValueError: It is missing, no notebook, or of another language; the message is for the
-            learner.
+        ValueError: The file is missing, too large, not a notebook or not in Python; the message is
+            for the learner.
     """
     from cotlearn.execution import read as read_notebook  # needs Jupyter's packages
 
@@ -154,6 +161,11 @@ def _taken_apart(path: Path, notebook: Any) -> Submission:
             f"{path.name} runs with a kernel for {language}; choose the kernel Python 3 "
             "(menu Kernel, Change Kernel), run it again and save it"
         )
+    code = sum(len(cell.source) for cell in notebook.cells if cell.cell_type == "code")
+    if code > MOST_CODE or len(notebook.cells) > MOST_CELLS:
+        sizes = f"{code:,} characters of code in {len(notebook.cells):,} cells"
+        most = f"{MOST_CODE:,} in {MOST_CELLS:,} are the most"
+        raise ValueError(f"{path.name} is too large: {sizes}, and {most}")
     numbered = enumerate(notebook.cells, start=1)
     cells = tuple(parse_cell(i, cell) for i, cell in numbered if cell.cell_type == "code")
     stamp = notebook.metadata.get("cotlearn", {})
@@ -161,7 +173,7 @@ def _taken_apart(path: Path, notebook: Any) -> Submission:
 
 
 def parse_cell(number: int, cell: Any) -> Cell:
-    """Finds what a code cell defines and what it uses."""
+    """Parses a code cell and finds the names that it defines and uses."""
     written = str(cell.source)
     source = python_only(written)
     question = cell.metadata.get("cotlearn", {}).get("question")
@@ -175,9 +187,9 @@ def parse_cell(number: int, cell: Any) -> Cell:
 
 
 def python_only(source: str) -> str:
-    """Returns a cell's source with the lines of IPython made empty, so that lines keep their place.
+    """Returns a cell's source with IPython's lines emptied, so that line numbers stay the same.
 
-    A cell of another language (`%%bash`) becomes empty as a whole.
+    A cell in another language (`%%bash`) becomes empty.
     """
     lines = source.splitlines()
     first = next((line for line in lines if line.strip()), "")
@@ -201,7 +213,7 @@ def names_in(expression: str) -> set[str]:
 
 
 def _names(source: str) -> tuple[frozenset[str], frozenset[str]]:
-    """The names that running a source binds, and those that it needs from elsewhere."""
+    """The names that a source defines when it runs, and those that it needs from elsewhere."""
     module = symtable.symtable(source, "<cell>", "exec")
     symbols = module.get_symbols()
     binds = (item.get_name() for item in symbols if item.is_assigned() or item.is_imported())

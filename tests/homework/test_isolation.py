@@ -110,7 +110,7 @@ def commands():
 
 
 def test_limits_are_checked():
-    with pytest.raises(ValueError, match="seconds must be positive, got 0"):
+    with pytest.raises(ValueError, match="seconds must be above 0, got 0"):
         Limits(seconds=0)
-    with pytest.raises(ValueError, match="gigabytes must be positive"):
+    with pytest.raises(ValueError, match="gigabytes must be at least 0"):
         Limits(gigabytes=-1)

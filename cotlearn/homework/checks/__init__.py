@@ -1,1 +1,1 @@
-"""The checks of the exercises: `nb00.py` holds those of notebook 00, and so on."""
+"""The checks of the exercises, one file per notebook: `nb00.py` for notebook 00, and so on."""

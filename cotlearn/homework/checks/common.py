@@ -1,12 +1,12 @@
-"""How a check is written: a table of cases, each with the right result and known mistakes.
+"""Tools for checks. Most checks are a table of cases with the right result and known mistakes.
 
     @table("02.halve")
     def halve(g: torch.Generator) -> Cases:
         x = torch.randn(5, generator=g)
         yield Case((x,), x / 2, {"that is twice x, not half of it": 2 * x}, "divide by 2")
 
-`run` puts the table to an answer. A check that fits no table is a function of the answer,
-registered with `exercise`.
+`run` tries an answer on all cases. A check that does not fit into a table is a plain function of
+the answer, registered with `exercise`.
 """
 
 import copy
@@ -29,22 +29,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One trial of an answer.
+    """One test case for an answer.
 
     Attributes:
-        given: the arguments of the learner's function, which gets copies; None if the answer is
-            a value and not a function.
-        right: the result: a number, tensor, array, word or list of words.
-        wrong: known mistakes, hint to wrong result (or to a function that recognises the result).
-        otherwise: the hint for all other results, or a function of the result that returns it;
-            without it the hint says what was expected.
-        what: the name of the result, for the hint about its shape.
-        also: other results that count as right.
-        read: turns what was returned into what is compared, if shape and type of `right` do not
-            say it all.
-        tolerance: relative and absolute.
-        unchanged: whether the answer must leave its arguments as they are.
-        nfe: how often the answer must call its first argument, a velocity; None if that is free.
+        given: arguments for the learner's function, which receives copies of them; None if the
+            answer is a value, not a function.
+        right: the correct result: a number, tensor, array, string or list of strings.
+        wrong: known mistakes: hint -> the wrong result, or a function that recognises it.
+        otherwise: hint for every other wrong result, or a function of the result that returns the
+            hint; if empty, the hint says what was expected.
+        what: name of the result in hints about its shape.
+        also: other results that count as correct.
+        read: converts the returned value to the one that is compared; if None, the returned value
+            must have the type and shape of `right`.
+        tolerance: relative and absolute tolerance.
+        unchanged: whether the answer must not modify its arguments.
+        nfe: how many times the answer must call its first argument, a velocity; None if any number
+            of calls is allowed.
     """
 
     given: tuple[Any, ...] | None
@@ -63,12 +64,12 @@ Cases = Iterator[Case]
 
 
 def table(name: str, *, seed: int = 0) -> Callable[[Callable[..., Cases]], Callable[..., None]]:
-    """Registers a generator of cases as the check of an exercise.
+    """Registers a function that yields cases as the check of an exercise.
 
     Args:
-        name: As for `exercise`.
-        seed: Of the `torch.Generator` that the generator of cases is called with, if it takes an
-            argument; a hidden test can ask for another.
+        name: The exercise, as for `exercise`.
+        seed: Seed of the `torch.Generator` that is passed to the function, if it takes an argument.
+            A hidden test can pass another seed.
     """
 
     def register(cases: Callable[..., Cases]) -> Callable[..., None]:
@@ -83,7 +84,7 @@ def table(name: str, *, seed: int = 0) -> Callable[[Callable[..., Cases]], Calla
 
 
 def run(answer: Any, cases: Cases) -> None:
-    """Raises `NotYet` with the hint of the first case that an answer gets wrong."""
+    """Raises `NotYet` with the hint for the first case that the answer gets wrong."""
     for case in cases:
         calls: list[Any] = []
         found = (case.read or functools.partial(_like, case))(_returned(answer, case, calls))
@@ -100,7 +101,7 @@ def run(answer: Any, cases: Cases) -> None:
 
 
 def _returned(answer: Any, case: Case, calls: list[Any]) -> Any:
-    """The result of an answer; `calls` gets the arguments that it gives to a counted velocity."""
+    """Returns the answer's result; `calls` collects its calls of the velocity, if they count."""
     if case.given is None:
         return answer
     given = copy.deepcopy(case.given)
@@ -129,7 +130,7 @@ def _rounded(value: Any) -> str:
 
 
 def _like(case: Case, value: Any) -> Any:
-    """The value, if it is of the type and shape of the right result."""
+    """Returns the value if it has the type and shape of the correct result."""
     if isinstance(case.right, str):
         return value
     if np.ndim(case.right) == 0:
@@ -139,14 +140,14 @@ def _like(case: Case, value: Any) -> Any:
 
 
 def call(answer: Any, *given: Any, **options: Any) -> Any:
-    """What a learner's function returns, or `NotYet` if the answer is no function."""
+    """Calls a learner's function; raises `NotYet` if the answer is not a function."""
     if not callable(answer):
         raise NotYet(f"expected a function, got {type(answer).__name__}")
     return answer(*given, **options)
 
 
 def tensor(value: Any, shape: tuple[int, ...], what: str) -> Tensor:
-    """Returns the value as float64 if it is a finite tensor of this shape, called `what`."""
+    """Returns the value as float64 if it is a finite tensor of this shape; hints call it `what`."""
     if not isinstance(value, Tensor):
         raise NotYet(f"{what} must be a tensor of shape {shape}, got {type(value).__name__}")
     array(value.detach(), shape, what)
@@ -154,7 +155,7 @@ def tensor(value: Any, shape: tuple[int, ...], what: str) -> Tensor:
 
 
 def array(value: Any, shape: tuple[int, ...], what: str) -> Array:
-    """Returns the value as an array if it has this shape and finite numbers."""
+    """Returns the value as an array if it has this shape and is finite; hints call it `what`."""
     try:
         found = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -172,7 +173,7 @@ def array(value: Any, shape: tuple[int, ...], what: str) -> Array:
 
 
 def one_of_two(index: int, shape: tuple[int, ...], what: str, hint: str) -> Callable[[Any], Tensor]:
-    """Returns a reader of one of the two tensors that an answer returns; `hint` if it does not."""
+    """Returns a `read` for one of two returned tensors; `hint` is for results that are not two."""
 
     def read(value: Any) -> Tensor:
         if not isinstance(value, tuple | list) or len(value) != 2:
@@ -183,7 +184,7 @@ def one_of_two(index: int, shape: tuple[int, ...], what: str, hint: str) -> Call
 
 
 def permutation(value: Any, n: int, hint: str) -> Tensor:
-    """Returns the value as the integers 0 to n - 1 in some order; `hint` if one comes twice."""
+    """Returns the value if it is a permutation of 0 to n - 1; `hint` is for repeated numbers."""
     p = np.asarray(value)
     if p.dtype.kind not in "iu" or p.shape != (n,):
         raise NotYet(f"return integers of shape ({n},), got {p.dtype} of shape {p.shape}")
@@ -202,7 +203,7 @@ def number(value: Any) -> float:
 
 
 def same(a: Any, b: Any, tolerance: float = 1e-4) -> bool:
-    """Whether two results are equal, numbers up to rounding."""
+    """Tells whether two results are equal; numbers are compared up to the tolerance."""
     if isinstance(b, str | list):
         return isinstance(a, type(b)) and a == b
     try:
@@ -213,18 +214,18 @@ def same(a: Any, b: Any, tolerance: float = 1e-4) -> bool:
 
 
 def cheapest(cost: Tensor) -> Tensor:
-    """The permutation with the smallest total cost: the column of each row."""
+    """Returns the permutation of smallest total cost: the column that each row takes."""
     return torch.from_numpy(linear_sum_assignment(cost)[1])
 
 
 def field_at(t: Any, x: Tensor) -> Tensor:
-    """A velocity that depends on both; t is a number or one for each row."""
+    """A velocity field that depends on t and x; t is a number or has one value per row."""
     time = torch.as_tensor(t, dtype=x.dtype)
     return torch.cos(2 * x) + 1.5 * (time[:, None] if time.ndim == 1 else time) * x - 0.3
 
 
 def squares(off: Tensor, unit: Any = 1.0) -> dict[str, Any]:
-    """Mistakes in `unit` times the mean over rows of |off|², with off of shape (n, d)."""
+    """Returns common mistakes in computing unit * mean |off|² over the n rows of off (n, d)."""
     far = off.norm(dim=1)
     return {
         "take the mean over the rows, not the total": unit * far.square().sum(),
@@ -235,6 +236,6 @@ def squares(off: Tensor, unit: Any = 1.0) -> dict[str, Any]:
 
 
 def turned(points: Array, angle: float) -> Array:
-    """Points (..., 2) of the plane, turned about the origin by an angle in radians."""
+    """Rotates points (..., 2) in the plane about the origin by an angle in radians."""
     cos, sin = np.cos(angle), np.sin(angle)
     return points @ np.array([[cos, sin], [-sin, cos]])

@@ -12,7 +12,7 @@ from cotlearn.homework.registry import NotYet
 
 @table("hw1.loss")
 def loss(g: Generator) -> Cases:
-    """|network(t, x_t) - (x1 - x0)|^2 for each row."""
+    """The flow matching loss of each row, |network(t, x_t) - (x1 - x0)|^2."""
     for n, d in ((5, 2), (3, 3)):  # in a square batch a forgotten t[:, None] raises nothing
         x0, x1 = torch.randn(n, d, generator=g), torch.randn(n, d, generator=g)
         yield _loss(x0, x1, torch.rand(n, generator=g) * 0.8 + 0.1)
@@ -52,7 +52,7 @@ def _loss(x0: Tensor, x1: Tensor, t: Tensor) -> Case:
 
 @table("hw1.euler")
 def euler(g: Generator) -> Cases:
-    """nfe Euler steps from t = 0 to t = 1."""
+    """The result of nfe Euler steps from t = 0 to t = 1."""
     x0 = torch.randn(3, 2, generator=g) * 0.5
     for nfe in (4, 1):
         walk, h, late = functools.partial(_steps, x0), 1 / nfe, 1 / max(nfe - 1, 1)
@@ -75,7 +75,7 @@ def euler(g: Generator) -> Cases:
 
 @table("hw1.exact_velocity")
 def exact_velocity(g: Generator) -> Cases:
-    """E[x1 - x0 | x_t = x] for a mixture of equal weights."""
+    """The exact velocity E[x1 - x0 | x_t = x] for a Gaussian mixture with equal weights."""
     centres = torch.tensor([[2.0, 0.0], [-1.0, 1.5], [0.0, -2.0]])
     means = centres + 0.2 * torch.randn(3, 2, generator=g)
     x, rows, s = torch.randn(6, 2, generator=g), range(6), 0.3
@@ -105,7 +105,7 @@ def exact_velocity(g: Generator) -> Cases:
 
 @table("hw1.squared_w2")
 def squared_w2(g: Generator) -> Cases:
-    """The mean squared distance of the best pairing of two samples."""
+    """The mean squared distance between two samples under their optimal pairing."""
     for n, d in ((7, 2), (12, 3)):
         a = torch.randn(n, d, generator=g).double()
         b = (1.5 * torch.randn(n, d, generator=g) + 0.5).double()
@@ -131,7 +131,7 @@ def squared_w2(g: Generator) -> Cases:
 def _steps(
     x: Tensor, n: int, h: float, *, first: float = 0.0, by: float | None = None, still: bool = False
 ) -> Tensor:
-    """Euler, and with other options the mistakes one can make in it."""
+    """Euler's method; the options reproduce typical mistakes."""
     start, t = x, first
     for _ in range(n):
         x = x + h * field_at(t, start if still else x)
@@ -150,9 +150,9 @@ def _mixture(
     two: float = 2.0,
     sign: float = -1.0,
 ) -> tuple[Tensor, Tensor]:
-    """The posterior of the components, (n, k, 1), and E[x1 - x0 | x_t, component], (n, k, d).
+    """The components' posterior (n, k, 1), and E[x1 - x0 | x_t, component] (n, k, d).
 
-    With other options the mistakes one can make in them.
+    The options reproduce typical mistakes.
     """
     x, means = x.double(), means.double()
     var = (1 - t) ** 2 + t**2 * s**2 if variance is None else variance

@@ -13,7 +13,7 @@ from cotlearn.metrics import squared_w2
 
 @table("hw2.cost")
 def cost(g: Generator) -> Cases:
-    """|x0 - x1|^2 + weight |c0 - c1|^2 for all pairs."""
+    """The cost |x0 - x1|^2 + weight |c0 - c1|^2 of all pairs, (n, m)."""
     for n, m in ((4, 6), (5, 5)):
         x0, x1 = torch.randn(n, 2, generator=g), torch.randn(m, 2, generator=g)
         c0, c1 = torch.randn(n, 3, generator=g), torch.randn(m, 3, generator=g)
@@ -22,7 +22,7 @@ def cost(g: Generator) -> Cases:
 
 @exercise("hw2.pair")
 def pair(answer: Any, seed: int = 0) -> None:
-    """Conditional OT on a batch: a permutation of the rows, labels kept, c0 shuffled."""
+    """Conditional OT of a batch: rows are permuted, data keep their labels, c0 is shuffled."""
     n, classes = 48, 3
     g = torch.Generator().manual_seed(seed)
     label = torch.randperm(n, generator=g) % classes
@@ -52,7 +52,7 @@ def pair(answer: Any, seed: int = 0) -> None:
 def _pairs(
     answer: Any, x0: Tensor, x1: Tensor, c: Tensor, weight: float, seed: int
 ) -> tuple[Tensor, Tensor]:
-    """The rows of x0 and of x1 that an answer puts together."""
+    """The indices of the rows of x0 and of x1 that an answer pairs."""
     n = len(x0)
     parts = (x0, x1, c)
     own = (part.clone() for part in parts)
@@ -76,14 +76,14 @@ def _pairs(
 
 
 def _rows(part: Tensor, whole: Tensor) -> Tensor:
-    """The index in `whole` of each row of `part`, or -1."""
+    """The index in `whole` of each row of `part`; -1 if `whole` does not contain it."""
     distance = torch.cdist(part, whole.double())
     return torch.where(distance.min(1).values < 1e-5, distance.argmin(1), -1)
 
 
 @table("hw2.conditional_w2")
 def conditional_w2(g: Generator) -> Cases:
-    """The mean over classes of the squared W2 inside each class."""
+    """The squared W2 within each class, averaged over classes."""
     label = torch.arange(24) % 3
     label[label == 2] = torch.where(torch.arange(8) < 4, 2, 0)  # classes of different sizes
     c = torch.eye(3)[label]
@@ -104,7 +104,7 @@ def conditional_w2(g: Generator) -> Cases:
 
 @table("hw2.choose_weight")
 def choose_weight(g: Generator) -> Cases:
-    """The smallest one-step variance among the weights whose skew fits the budget."""
+    """The weight of smallest one-step variance among those whose skew is within the budget."""
     for case in range(4):
         weights = [0.0, 0.3, 1.0, 4.0, 10.0, 30.0, 100.0]
         skew = (torch.rand(7, generator=g) * 0.05 + torch.linspace(0.5, 0.02, 7)).tolist()

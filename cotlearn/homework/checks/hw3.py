@@ -10,7 +10,7 @@ from cotlearn.homework.checks.nb06 import line_start
 
 @table("hw3.gaussian_map")
 def gaussian_map(g: torch.Generator) -> Cases:
-    """m + S^(1/2) x."""
+    """The optimal map from N(0, I) to N(m, S): m + S^(1/2) x."""
     root = torch.tensor([[1.2, 0.5], [0.5, 0.6]]) + 0.1 * torch.rand(1, generator=g)
     mean, x = torch.tensor([2.0, -1.0]), torch.randn(6, 2, generator=g)
     cov = root @ root
@@ -31,7 +31,7 @@ def gaussian_map(g: torch.Generator) -> Cases:
 
 
 def _gradient(z: torch.Tensor) -> torch.Tensor:
-    """Of the convex sum over coordinates of log cosh z + |z|²/5, plus a tilt."""
+    """The gradient of a convex function: tanh(z) plus a linear map with a positive matrix."""
     tilt = torch.tensor([0.3, -0.2], dtype=z.dtype)
     return torch.tanh(z) + 0.4 * z + 0.3 * z.flip(-1) + tilt
 
@@ -52,7 +52,7 @@ def _solve(x: torch.Tensor, t: float, *, steps: int = 60) -> torch.Tensor:
 
 @table("hw3.invert")
 def invert(g: torch.Generator) -> Cases:
-    """The z with (1 - t) z + t grad(z) = x."""
+    """The solution z of (1 - t) z + t grad(z) = x."""
     x = torch.randn(8, 2, generator=g, dtype=torch.float64)
     for t in (0.6, 0.0, 0.9):
         case = line_start(_solve(x, t), t, _gradient, _hessian)
@@ -63,7 +63,7 @@ def invert(g: torch.Generator) -> Cases:
 
 @table("hw3.ofm_loss")
 def ofm_loss(g: torch.Generator) -> Cases:
-    """|grad(z0) - z0 - (x1 - x0)|^2 for each row, z0 = invert(x_t, t)."""
+    """The loss of each row, |grad(z0) - z0 - (x1 - x0)|^2 with z0 = invert(x_t, t)."""
     x0, x1 = (torch.randn(5, 2, generator=g, dtype=torch.float64) for _ in range(2))
     line = x1 - x0
 
@@ -93,7 +93,7 @@ def ofm_loss(g: torch.Generator) -> Cases:
 
 @table("hw3.l2_uvp")
 def l2_uvp(g: torch.Generator) -> Cases:
-    """100 E|T - T*|^2 / trace(S)."""
+    """L2-UVP in percent: 100 E|T - T*|^2 / trace(S)."""
     found, truth = torch.randn(9, 2, generator=g), torch.randn(9, 2, generator=g)
     cov = torch.tensor([[1.5, 0.4], [0.4, 0.7]])
     error, trace = (found - truth).square().sum(1).mean(), cov.trace()

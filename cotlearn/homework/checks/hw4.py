@@ -16,7 +16,7 @@ SIZE = 512.0
 
 @table("hw4.retarget")
 def retarget(g: Generator) -> Cases:
-    """The rigid motion that brings a new goal to the usual one, applied to states."""
+    """States after the rigid motion that moves the new goal to the usual one."""
     rng = np.random.default_rng(g.initial_seed())
     for goal in ((300.0, 220.0, math.pi / 4), (320.0, 230.0, -0.9), (256.0, 256.0, 2.0)):
         places = rng.uniform(60, 450, (4, 2, 4))
@@ -46,7 +46,7 @@ def retarget(g: Generator) -> Cases:
 def _retarget(
     states: Array, goal: Any, *, turn: float = 1, angle: float = 1, about: Any = None
 ) -> Array:
-    """States seen so that `goal` is the usual goal, and with other options the mistakes in it."""
+    """States moved so that `goal` becomes the usual goal; the options reproduce mistakes."""
     d = GOAL[2] - goal[2]
     middle = np.array(goal[:2] if about is None else about)
     to = np.array(GOAL[:2]) if about is None else middle + np.array(GOAL[:2]) - goal[:2]
@@ -60,14 +60,14 @@ def _read_states(value: Any) -> Array:
 
 
 def _round(states: Array) -> Array:
-    """Angles as points of a circle: whole turns make no difference."""
+    """Replaces angles by points on a circle, so that full turns make no difference."""
     angle = states[..., 4:]
     return np.concatenate([states[..., :4], 100 * np.cos(angle), 100 * np.sin(angle)], axis=-1)
 
 
 @table("hw4.give_back")
 def give_back(g: Generator) -> Cases:
-    """The inverse motion, applied to actions, cut to the world."""
+    """Actions after the inverse motion, clipped to the world."""
     rng = np.random.default_rng(g.initial_seed())
     goal = (320.0, 230.0, -0.9)
     to, usual, turn = np.array(goal[:2]), np.array(GOAL[:2]), goal[2] - GOAL[2]
@@ -90,7 +90,7 @@ def give_back(g: Generator) -> Cases:
 
 @table("hw4.clearance")
 def clearance(g: Generator) -> Cases:
-    """The smallest distance from a point to each of several polylines."""
+    """The distance from a point to each of several polylines."""
     rng = np.random.default_rng(g.initial_seed())
     for _ in range(3):
         paths, centre = rng.uniform(0, 300, (6, 3, 2)), rng.uniform(100, 200, 2)
@@ -124,7 +124,7 @@ def _clearance(paths: Array, centre: Array, *, clamp: bool = True) -> Array:
 
 @table("hw4.choose")
 def choose(g: Generator) -> Cases:
-    """The first chunk that is clear enough, else the clearest."""
+    """The first chunk with enough clearance; if there is none, the one with the most."""
     rng = np.random.default_rng(g.initial_seed())
     close = "that chunk comes too close: its clearance is below what is needed"
     for _ in range(4):

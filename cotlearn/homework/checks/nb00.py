@@ -19,7 +19,7 @@ _SELF_TEST: dict[str, tuple[Any, str]] = {
 
 @exercise("00.self_test")
 def self_test(answer: Any) -> None:
-    """Five short answers in a dict; those left as dots are not attempted."""
+    """Five short answers in a dict; an answer that is still `...` is not attempted."""
     if not isinstance(answer, dict):
         raise NotYet(f"self_test must stay a dict with {len(_SELF_TEST)} answers")
     if all(answer.get(name) in (None, ...) for name in _SELF_TEST):
@@ -36,7 +36,7 @@ def self_test(answer: Any) -> None:
 
 @table("00.perfect_one_step")
 def perfect_one_step() -> Cases:
-    """The mean squared distance of a petal's samples from its centre."""
+    """The mean squared distance between the samples of a petal and its centre."""
     right = 1.44 + 2 * 0.25**2
     wrong = {
         "this is the distance of a mode; the score is a mean of squared distances": 1.2,
@@ -52,7 +52,7 @@ def perfect_one_step() -> Cases:
 
 @exercise("00.deaf_sampler")
 def deaf_sampler(answer: Any) -> None:
-    """Samples of p(x1), the same for every c, repeatable with the generator."""
+    """Samples of p(x1) that ignore c and depend only on the generator."""
     n = 2000
     clouds = []
     for k in (0, 2):

@@ -9,7 +9,7 @@ from cotlearn.homework.checks.common import Case, Cases, field_at, one_of_two, t
 
 @table("01.interpolate")
 def interpolate(g: torch.Generator) -> Cases:
-    """The straight path and its velocity, with one time for each row."""
+    """The straight path and its velocity, with one time per row."""
     two = "return two things: the place x_t and the velocity"
     for n, d in ((5, 2), (3, 3)):  # in a square batch a forgotten t[:, None] raises nothing
         x0, x1 = torch.randn(n, d, generator=g), torch.randn(n, d, generator=g)
@@ -34,7 +34,7 @@ def interpolate(g: torch.Generator) -> Cases:
 
 @table("01.velocity_from_end", seed=1)
 def velocity_from_end(g: torch.Generator) -> Cases:
-    """(end - x) / (1 - t), with one time for each row."""
+    """The velocity (end - x) / (1 - t), with one time per row."""
     for n, d in ((6, 2), (3, 3)):
         x, end = torch.randn(n, d, generator=g), torch.randn(n, d, generator=g)
         t = torch.tensor([0.2, 0.75, 0.6, 0.4, 0.9, 0.1])[:n]
@@ -54,7 +54,7 @@ def velocity_from_end(g: torch.Generator) -> Cases:
 
 @table("01.midpoint")
 def midpoint() -> Cases:
-    """nfe / 2 midpoint steps of a field that depends on t and x."""
+    """The result of nfe / 2 midpoint steps in a field that depends on t and x."""
     nfe = 8
     x0 = torch.tensor([[0.3, -0.7], [1.1, 0.2], [-0.4, 0.9]])
     walk = functools.partial(_midpoint, x0, nfe // 2)
@@ -87,7 +87,7 @@ def _heun(x: torch.Tensor, steps: int) -> torch.Tensor:
 def _midpoint(
     x: torch.Tensor, steps: int, *, trial: float = 0.5, late: float = 0.5, back: bool = True
 ) -> torch.Tensor:
-    """The rule, and with other options the mistakes one can make in it (0, 0: Euler)."""
+    """The midpoint rule; the options reproduce typical mistakes (0, 0 is Euler's method)."""
     h = 1 / steps
     for k in range(steps):
         half = x + trial * h * field_at(k * h, x)

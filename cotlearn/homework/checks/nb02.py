@@ -11,7 +11,7 @@ from cotlearn.homework.registry import NotYet
 
 @table("02.transport_cost")
 def transport_cost(g: torch.Generator) -> Cases:
-    """The mean squared distance of a pairing."""
+    """The mean squared distance between the two points of a pair."""
     x0, x1 = torch.randn(2, 6, 3, generator=g)
     p = torch.tensor([2, 0, 1, 5, 3, 4])
     off, far = x0 - x1[p], torch.cdist(x0, x1).square()
@@ -25,7 +25,7 @@ def transport_cost(g: torch.Generator) -> Cases:
 
 @table("02.cheapest_pairing")
 def cheapest_pairing(g: torch.Generator) -> Cases:
-    """The optimal permutation of a few points."""
+    """The permutation that pairs a few points at the smallest total cost."""
     for _ in range(12):
         yield _pairing(torch.randn(5, 2, generator=g), 2 * torch.randn(5, 2, generator=g) + 1)
 
@@ -55,7 +55,7 @@ def _pairing(x0: torch.Tensor, x1: torch.Tensor) -> Case:
 
 @table("02.lost_share")
 def lost_share() -> Cases:
-    """(1 - 1/B)^B."""
+    """The expected share of rows that B draws with replacement miss, (1 - 1/B)^B."""
     for size in (5, 2, 256):  # at 2 several mistakes look alike
         missed = (1 - 1 / size) ** size
         wrong = {

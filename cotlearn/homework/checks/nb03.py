@@ -12,7 +12,7 @@ from cotlearn.homework.checks.common import Case, Cases, cheapest, one_of_two, t
 
 @table("03.labels_follow", seed=3)
 def labels_follow(g: torch.Generator) -> Cases:
-    """Optimal pairs of four points by brute force; the labels go with their data."""
+    """Optimal pairs of four points, found by brute force; labels stay with their data."""
     two = "return two tensors: the data and their labels, in the order of x0"
     for _ in range(5):
         x0, x1 = torch.randn(4, 2, generator=g), 3 * torch.randn(4, 2, generator=g)
@@ -31,7 +31,7 @@ def labels_follow(g: torch.Generator) -> Cases:
 
 @table("03.augmented_cost", seed=4)
 def augmented_cost(g: torch.Generator) -> Cases:
-    """Compare with the formula entry by entry."""
+    """The cost matrix, compared entry by entry."""
     x0, x1 = torch.randn(5, 2, generator=g), torch.randn(5, 2, generator=g)
     c0, c = torch.randn(5, 3, generator=g), torch.randn(5, 3, generator=g)
     for weight in (0.0, 1.0, 7.0):
@@ -39,7 +39,7 @@ def augmented_cost(g: torch.Generator) -> Cases:
 
 
 def costs(given: tuple[Any, ...], far: torch.Tensor, apart: torch.Tensor, w: float) -> Case:
-    """All far² + w apart², from distances between samples and between conditions, (n, m)."""
+    """A case for far² + w apart², the cost (n, m) of distances in samples and conditions."""
     right = far**2 + w * apart**2
     wrong = {
         "square the distances": far + w * apart,
@@ -59,7 +59,7 @@ def costs(given: tuple[Any, ...], far: torch.Tensor, apart: torch.Tensor, w: flo
 
 @table("03.skew")
 def skew() -> Cases:
-    """Compare with the Bures distance, for a few vectors r and variances v."""
+    """The skew, compared with the Bures distance for several vectors r and variances v."""
     cases = [((0.0, 0.0), 1.0), ((0.6, 0.0), 1.0), ((0.3, -0.8), 2.0), ((0.2, 0.1, 0.4), 0.5)]
     for numbers, v in cases:
         r = np.array(numbers)

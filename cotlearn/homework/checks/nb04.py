@@ -10,7 +10,7 @@ from cotlearn.homework.registry import NotYet, exercise
 
 @table("04.candidates")
 def candidates() -> Cases:
-    """1 + (B - 1)/K for several batches and numbers of labels."""
+    """The number of candidates, 1 + (B - 1)/K, for several batch sizes and numbers of labels."""
     for B, K in ((256, 4), (64, 64), (1, 10), (1024, 1)):
         wrong = {
             "B / K leaves out that a row always finds one partner, whose label it copied": B / K,
@@ -22,7 +22,7 @@ def candidates() -> Cases:
 
 @table("04.balanced_weight", seed=4)
 def balanced_weight(g: torch.Generator) -> Cases:
-    """COT Policy's rule, with the mistakes that are easily made."""
+    """The weight by COT Policy's rule."""
     for scale in (1.0, 7.0):
         x0, x1 = torch.randn(40, 2, generator=g), scale * torch.randn(40, 2, generator=g)
         c = torch.randn(40, 3, generator=g)
@@ -42,7 +42,7 @@ def balanced_weight(g: torch.Generator) -> Cases:
 
 @exercise("04.stratify")
 def stratify(answer: Any) -> None:
-    """Cheapest pairs within each label, and never across."""
+    """Optimal pairs within each label, never across labels."""
     g = torch.Generator().manual_seed(5)
     for sizes in ((5, 5, 5), (1, 7, 4)):
         label = torch.repeat_interleave(torch.arange(len(sizes)), torch.tensor(sizes))

@@ -9,7 +9,7 @@ from cotlearn.homework.checks.common import Case, Cases, table
 
 @table("05.pair_weights", seed=5)
 def pair_weights(g: torch.Generator) -> Cases:
-    """floor(B p) rows with the lowest error weigh 1 + boost, then the mean is 1."""
+    """Weights: 1 + boost for the floor(B p) rows of lowest error, 1 for others, mean 1."""
     for rows, fraction, boost in ((10, 0.4, 0.5), (7, 0.5, 1.0), (6, 1.0, 0.5)):
         yield _weights(torch.rand(rows, generator=g) + 0.1, fraction, boost)
 
@@ -38,7 +38,7 @@ def _weights(errors: torch.Tensor, fraction: float, boost: float) -> Case:
 
 @table("05.evaluations")
 def evaluations() -> Cases:
-    """B rows at t = 1, and B for each distinct condition at t = 0."""
+    """The number of evaluations: B rows at t = 1, and B per distinct condition at t = 0."""
     single = "that is one pair at a time; many of these evaluations are the same"
     for B, K in ((64, 4), (64, 1), (256, 10), (64, 64)):
         wrong = {
@@ -53,7 +53,7 @@ def evaluations() -> Cases:
 
 @table("05.at_zero", seed=6)
 def at_zero(g: torch.Generator) -> Cases:
-    """The table of an untrained network that says 0 everywhere is the squared distance."""
+    """The error table of a network that returns 0 everywhere: squared distances."""
     x0, x1 = torch.randn(5, 3, generator=g), 2 * torch.randn(5, 3, generator=g)
     right = torch.cdist(x0, x1).square()
     wrong = {

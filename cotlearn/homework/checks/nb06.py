@@ -18,14 +18,14 @@ CONVEX: tuple[tuple[Function, Function], ...] = (
 
 @table("06.start_of_line")
 def start_of_line() -> Cases:
-    """(1 - t) z + t slope(z) = x, to four digits."""
+    """The solution z of (1 - t) z + t slope(z) = x, to four digits."""
     for t in (0.5, 0.3, 1.0, 0.0):
         for slope, curvature in CONVEX:
             yield line_start(torch.linspace(-1.5, 1.5, 7), t, slope, curvature)
 
 
 def line_start(z: torch.Tensor, t: float, slope: Function, curvature: Any) -> Case:
-    """Where a line that passes x at time t starts: the z with (1 - t) z + t slope(z) = x."""
+    """A case for the start z of the line through x at time t: (1 - t) z + t slope(z) = x."""
 
     def left(z: torch.Tensor, t: float = t) -> torch.Tensor:
         return (1 - t) * z + t * slope(z)
@@ -56,7 +56,7 @@ def line_start(z: torch.Tensor, t: float, slope: Function, curvature: Any) -> Ca
 
 @table("06.uvp", seed=6)
 def uvp(g: torch.Generator) -> Cases:
-    """100 E|T - T*|^2 / Var, with Var the trace of the covariance of T*."""
+    """L2-UVP in percent: 100 E|T - T*|^2 / Var, where Var is the trace of T*'s covariance."""
     for d in (2, 5):
         truth = torch.randn(40, d, generator=g) * torch.arange(1, d + 1) + 3 * torch.arange(d)
         mapped = truth + 0.7 * torch.randn(40, d, generator=g)
@@ -79,7 +79,7 @@ def uvp(g: torch.Generator) -> Cases:
 
 @table("06.gap")
 def gap() -> Cases:
-    """For Psi(x) = a x^2/2 + b x the Fenchel-Young gap is (a x0 + b - x1)^2/(2 a)."""
+    """The Fenchel-Young gap (a x0 + b - x1)^2/(2 a) of Psi(x) = a x^2/2 + b x."""
     for a, b, x0, x1 in ((2.3, 1.1, 0.7, 3.4), (0.6, -1.3, 1.9, 1.2), (3.0, 0.0, -1.0, 2.0)):
         psi, conjugate, product = a * x0**2 / 2 + b * x0, (x1 - b) ** 2 / (2 * a), x0 * x1
         psi_at_x1 = a * x1**2 / 2 + b * x1

@@ -9,7 +9,7 @@ from cotlearn.homework.checks.common import Case, Cases, table, turned
 
 @table("07.perplexity")
 def perplexity() -> Cases:
-    """exp of the entropy, where 0 log 0 = 0."""
+    """The perplexity, exp(entropy), with 0 log 0 = 0."""
     for row in ([0.7, 0.2, 0.1], [0.5, 0.5], [0.25, 0.25, 0.5], [1.0, 0.0, 0.0], [0.5, 0, 0.5, 0]):
         p = np.array(row)
         logs = np.log(np.where(p > 0, p, 1))
@@ -32,7 +32,7 @@ def perplexity() -> Cases:
 
 @table("07.to_body")
 def to_body() -> Cases:
-    """R(-angle) (point - place)."""
+    """A point in the frame of the T: R(-angle) (point - place)."""
     points = np.array([[256.0, 256.0], [100.0, 40.0], [300.0, 410.0]])
     for pose in ((200.0, 300.0, 0.0), (256.0, 256.0, math.pi / 2), (120.0, 340.0, 0.7)):
         place, angle = np.array(pose[:2]), pose[2]

@@ -11,7 +11,7 @@ from cotlearn.homework.registry import NotYet
 
 @table("08.verdict")
 def verdict() -> Cases:
-    """Non-inferiority from an interval of a difference."""
+    """The verdict on non-inferiority from the confidence interval of a difference."""
     low = np.array([-0.01, -0.05, -0.06, -0.015, 0.01, -0.03, -0.30, 0.005, -0.04])
     high = np.array([0.02, 0.01, -0.03, -0.005, 0.03, -0.01, 0.25, 0.012, -0.01])
     margin = np.array([0.02] * 8 + [0.05])
@@ -49,7 +49,7 @@ def verdict() -> Cases:
 
 @table("08.choose")
 def choose() -> Cases:
-    """The smallest one-step variance without significant skew, else the least skew."""
+    """The point of smallest one-step variance without significant skew, else of least skew."""
     yield chosen(
         ("naive", 0.12, True, 14.0),
         ("64", 0.017, False, 17.0),
@@ -66,7 +66,7 @@ def choose() -> Cases:
 
 
 def chosen(*rows: tuple[str, float, bool, float]) -> Case:
-    """A frontier to choose from, of rows (name, skew, flagged, one-step variance)."""
+    """A case with a frontier to choose from: rows (name, skew, flagged, one-step variance)."""
     columns = "name", "skew", "flagged", "one_step_variance"
     points = [SimpleNamespace(**dict(zip(columns, row, strict=True))) for row in rows]
     clean = [point for point in points if not point.flagged]

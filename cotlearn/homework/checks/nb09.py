@@ -7,7 +7,7 @@ from cotlearn.homework.checks.common import Array, Case, Cases, table
 
 @table("09.damped_step")
 def damped_step() -> Cases:
-    """J^T (J J^T + damping I)^-1 e."""
+    """The step of damped least squares, J^T (J J^T + damping I)^-1 e."""
     rng = np.random.default_rng(9)
     for rows, damping in ((3, 0.1), (3, 0.01), (5, 0.4)):
         J, e = rng.normal(size=(rows, 7)), rng.normal(size=rows)
@@ -28,7 +28,7 @@ def damped_step() -> Cases:
 
 @table("09.between_share")
 def between_share() -> Cases:
-    """1 - within / total."""
+    """The share of variance between conditions, 1 - within / total."""
     rng = np.random.default_rng(90)
     for conditions, draws, spread in ((4, 3, 2.0), (6, 2, 0.3), (3, 5, 0.0)):
         means = 5 + spread * rng.normal(size=(conditions, 1, 2))

@@ -39,7 +39,7 @@ def ways_entropy() -> Cases:
 
 @table("10.choose")
 def choose() -> Cases:
-    """As 08.choose, and here the point itself will do."""
+    """The same as 08.choose, except that the point itself also counts as correct."""
     for case in (
         chosen(("a", 0.0, False, 16.0), ("b", 0.1, True, 13.0), ("c", 0.01, False, 14.0)),
         chosen(("a", 0.005, False, 11.0), ("b", 0.002, False, 12.0), ("c", 0.2, True, 9.0)),

@@ -7,7 +7,7 @@ from cotlearn.homework.checks.common import Case, Cases, table
 
 @table("11.place")
 def place(g: torch.Generator) -> Cases:
-    """The mean place of a softmax over the cells of a grid."""
+    """The mean position under a softmax over the cells of a grid."""
     for height, width in ((4, 4), (3, 7)):
         h = 2 * torch.randn(5, height, width, generator=g)
         x, y = torch.linspace(-1, 1, width), torch.linspace(-1, 1, height)
@@ -34,7 +34,7 @@ def _mean(share: torch.Tensor, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor
 
 @table("11.components", seed=1)
 def components(g: torch.Generator) -> Cases:
-    """(pixels - mean) basis^T, with the mean that was fitted."""
+    """Principal components (pixels - mean) basis^T with the fitted mean."""
     pixels, mean = torch.rand(6, 20, generator=g), torch.rand(20, generator=g)
     basis = torch.linalg.qr(torch.randn(20, 3, generator=g)).Q.T.contiguous()
     centred = pixels - pixels.mean(dim=0)

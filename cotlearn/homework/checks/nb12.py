@@ -10,7 +10,7 @@ from cotlearn.homework.checks.common import Case, Cases, table
 
 @table("12.decide")
 def decide() -> Cases:
-    """The best without skew, if it beats independent pairs by two standard errors."""
+    """The best coupling without skew if it beats independent pairs by two standard errors."""
     for sure, gains, right in (
         (9.0, {"naive OT": 0.3, "COT": -0.1, "strata": 0.2}, "strata"),
         (9.0, {"naive OT": 0.3, "COT": 0.02, "strata": 0.05}, "strata"),
@@ -50,7 +50,7 @@ def _decision(gains: dict[str, float], right: str, sure: float) -> Case:
 
 @table("12.guided", seed=12)
 def guided(g: torch.Generator) -> Cases:
-    """The velocity without the label, pushed on towards the one with it."""
+    """The guided velocity, without + scale (with - without)."""
     with_label, without = torch.randn(2, 6, 2, generator=g)
     step = with_label - without
     for scale in (2.5, 1.0, 0.0):

@@ -64,7 +64,8 @@ def read_arrays(path: str | Path) -> tuple[Arrays, dict[str, Any]]:
             record = json.loads(str(file["about"]))
         about, digest = dict(record["about"]), record["sha256"]
     except (ValueError, TypeError, KeyError, *_NO_ZIP) as error:
-        raise ValueError(f"{path} is damaged or no file of demonstrations: {error}") from error
+        why = str(error).partition(" If you trust")[0]  # NumPy's advice to load it unsafely
+        raise ValueError(f"{path} is damaged or no file of demonstrations: {why}") from error
     if digest != _digest(arrays):
         raise ValueError(f"{path} is damaged: its arrays do not match their SHA-256")
     return arrays, about
