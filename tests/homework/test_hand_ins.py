@@ -2,9 +2,11 @@
 
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
+import threading
 from multiprocessing import forkserver
 
 import handed_in
@@ -118,17 +120,36 @@ def test_texts_of_answers_can_be_printed(tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
 def test_a_killed_process_is_tried_again(tmp_path):
-    flag = tmp_path / "flag"
-    kill = "import os, signal\nos.kill(os.getpid(), signal.SIGKILL)"
-    once = f"import pathlib\nf = pathlib.Path({str(flag)!r})\n"
-    once += f"if not f.exists():\n    f.touch()\n    exec({kill!r})\n{EULER}"
+    """Each answer says its number and waits to be killed: the first once, the second always."""
+    number, done = tmp_path / "number", tmp_path / "done"
+    wait = "import os, pathlib, time\n"  # in a namespace, only /proc knows the number outside
+    wait += "own = os.readlink('/proc/self') if os.path.exists('/proc/self') else os.getpid()\n"
+    wait += f"pathlib.Path({str(number)!r}).write_text(f'{{own}}.')\ntime.sleep(60)"
+    once = f"import pathlib\nf = pathlib.Path({str(done)!r})\n"
+    once += f"if not f.exists():\n    f.touch()\n    exec({wait!r})\n{EULER}"
     handed_in.write(tmp_path / "in" / "a.ipynb", only(once))
-    handed_in.write(tmp_path / "in" / "b.ipynb", only(f"{kill}\n{EULER}"))
-    rows = grade(tmp_path / "in")
+    handed_in.write(tmp_path / "in" / "b.ipynb", only(f"{wait}\n{EULER}"))
+    graded = threading.Event()
+
+    def kill():
+        while not graded.wait(0.05):
+            text = number.read_text() if number.exists() else ""
+            if text.endswith("."):
+                number.unlink()
+                os.kill(int(text[:-1]), signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        rows = grade(tmp_path / "in")
+        again = grade(tmp_path / "in").values()
+    finally:
+        graded.set()
+        killer.join()
     assert points(rows["a.ipynb"]) == POINTS
     assert points(rows["b.ipynb"]) == [0] * 4
     assert "killed from outside" in rows["b.ipynb"].marked.marks[1].sentence
-    assert [row.kept for row in grade(tmp_path / "in").values()] == [True, False]
+    assert [row.kept for row in again] == [True, False]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGXCPU")
