@@ -106,12 +106,15 @@ class Options:
             values["condition_weight"] = values["condition_weight"] or "balanced"
         return cls(**values, camera=Pixels(**camera) if camera else None)
 
-    def make_network(self, windows: Windows, method: Method, *, seed: int) -> nn.Module:
+    def make_network(
+        self, windows: Windows, method: str | Method = "independent", *, seed: int
+    ) -> nn.Module:
         """The network of a method, for chunks and observations of the windows' sizes.
 
         Raises:
             ValueError: the method adds columns to the condition, and the network is not the MLP.
         """
+        method = find_method(method)
         sizes: dict[str, Any] = {"width": self.width, "blocks": self.blocks, "seed": seed}
         columns = windows.condition_dim + method.columns
         if method.columns and (self.camera or self.network != "mlp"):

@@ -1,11 +1,13 @@
 """Networks, losses, integration; metrics."""
 
+from functools import partial
+
 import numpy as np
 import torch
 
 from array_cases.base import NETWORK, X0, X1, C, D, N, add, g
 from cotlearn import flows, metrics
-from cotlearn.flows import diffusion
+from cotlearn.flows import diffusion, one_step
 
 add("flows.integrate", lambda x0, c: flows.integrate(NETWORK, x0, c, nfe=2), x0=X0, c=C)
 add(
@@ -28,6 +30,9 @@ add(
     c=C,
     noise=torch.randn(3, N, D, generator=g()),
 )
+JUMPS = one_step.MeanVelocity(flows.VelocityMLP(D, C.shape[1] + 1, width=8, depth=1, seed=0))
+add("flows.one_step.jump", lambda x0, c: one_step.jump(JUMPS, x0, c, nfe=2), x0=X0, c=C)
+add("flows.one_step.TwoPasses.sample", partial(one_step.TwoPasses().sample, NETWORK), x0=X0, c=C)
 
 # --- metrics ---
 

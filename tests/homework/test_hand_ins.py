@@ -27,9 +27,9 @@ def _key(monkeypatch):
     monkeypatch.setenv("COTLEARN_GRADING_KEY", "of these tests")
 
 
-def grade(folder, **options):
+def grade(folder, limits=LIMITS, **options):
     out = folder.parent / "grades.csv"
-    return {row.file: row for row in grading.grade(folder, out, limits=LIMITS, **options)}
+    return {row.file: row for row in grading.grade(folder, out, limits=limits, **options)}
 
 
 def only(euler):
@@ -129,7 +129,7 @@ def test_a_killed_process_is_tried_again(tmp_path):
     once += f"if not f.exists():\n    f.touch()\n    exec({wait!r})\n{EULER}"
     handed_in.write(tmp_path / "in" / "a.ipynb", only(once))
     handed_in.write(tmp_path / "in" / "b.ipynb", only(f"{wait}\n{EULER}"))
-    graded = threading.Event()
+    graded, patient = threading.Event(), Limits(seconds=40, gigabytes=1)
 
     def kill():
         while not graded.wait(0.05):
@@ -141,8 +141,8 @@ def test_a_killed_process_is_tried_again(tmp_path):
     killer = threading.Thread(target=kill)
     killer.start()
     try:
-        rows = grade(tmp_path / "in")
-        again = grade(tmp_path / "in").values()
+        rows = grade(tmp_path / "in", limits=patient)
+        again = grade(tmp_path / "in", limits=patient).values()
     finally:
         graded.set()
         killer.join()

@@ -50,7 +50,7 @@ def data(episodes, windows):
 
 @pytest.fixture(scope="module")
 def network(windows):
-    return SMALL.make_network(windows, METHODS["independent"], seed=0)
+    return SMALL.make_network(windows, seed=0)
 
 
 def _turn(x, angle):

@@ -144,8 +144,7 @@ def jump(network: MeanVelocity, x0: Tensor, c: Tensor | None = None, *, nfe: int
     """
     if not isinstance(network, MeanVelocity):
         raise TypeError(f"network must be a MeanVelocity, got {type(network).__name__}")
-    check_inputs(network, x0, c, "x0")
-    x = x0
+    c, x = check_inputs(network, x0, c, "x0"), x0
     for step in range(check_count(nfe, "nfe")):
         x = x + network(step / nfe, x, c, 1 / nfe) / nfe
     return x

@@ -6,6 +6,7 @@ from torch import Tensor
 from cotlearn.couplings.base import Pairs
 from cotlearn.flows.diffusion import predict, regression_loss
 from cotlearn.flows.matching import Velocity, interpolate, squared_error
+from cotlearn.validation import check_inputs
 
 LATE = 0.9  #: the time of the second pass
 
@@ -27,5 +28,6 @@ class TwoPasses:
     @torch.no_grad()
     def sample(self, network: Velocity, x0: Tensor, c: Tensor | None = None) -> Tensor:
         """Samples (B, d) by two evaluations; of x0 only the shape is used."""
+        c = check_inputs(network, x0, c, "x0")
         t = x0.new_full((len(x0),), LATE)
         return network(t, LATE * predict(network, x0, c), c)

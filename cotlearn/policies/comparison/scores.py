@@ -32,7 +32,7 @@ def evaluate(policy: ChunkPolicy, held: Dataset, *, starts: Sequence[int]) -> di
         "latency_ms": 1000 * policy.latency(),
         "seconds_of_policy": done.seconds,
         "chunks": done.chunks,
-        "outcomes": {name: [round(float(value), 4) for value in done[name]] for name in kept},
+        "outcomes": {name: [round(float(value), 6) for value in done[name]] for name in kept},
         "steps": done.steps.tolist(),
     }
 
