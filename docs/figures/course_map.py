@@ -1,6 +1,6 @@
-"""Draw docs/figures/map.svg: the notebooks as a path, with its side rooms and two routes.
+"""Draw docs/figures/course_map.svg: the notebooks as a path, with its side rooms and two routes.
 
-    python docs/figures/map.py
+    python docs/figures/course_map.py
 
 Titles are read from the notebooks, so a new one joins: on the path if it is not in `BESIDE`.
 """
@@ -40,6 +40,11 @@ def titles() -> dict[str, str]:
         if count:
             found[name] = f"{words}: {count} notebooks"
     return found
+
+
+def described() -> str:
+    """All rooms in words, which the figure stores."""
+    return "; ".join(f"{name} {title}" for name, title in titles().items())
 
 
 def box(ax: Axes, across: tuple[float, float], y: float, lines: tuple[str, str], on: bool) -> None:
@@ -91,9 +96,8 @@ def main() -> None:
     ax.text(sum(RIGHT) / 2, high - 0.28, "side rooms", ha="center", fontsize=9.5, weight="bold")
     ax.add_patch(plt.Rectangle((RIGHT[0], high - 0.9), 0.16, 0.16, fc=BLUE, ec=BLUE))
     ax.text(RIGHT[0] + 0.24, high - 0.82, "in one evening", va="center", fontsize=8.4, color=INK)
-    about = "; ".join(f"{name} {title}" for name, title in rooms.items())
-    figure.savefig(TARGET, metadata={"Date": None, "Creator": None, "Description": about})
-    print(f"{TARGET.name}: {TARGET.stat().st_size / 1e3:.0f} kB; {about}")
+    figure.savefig(TARGET, metadata={"Date": None, "Creator": None, "Description": described()})
+    print(f"{TARGET.name}: {TARGET.stat().st_size / 1e3:.0f} kB; {described()}")
 
 
 if __name__ == "__main__":
