@@ -31,6 +31,9 @@ class Standardiser:
     @classmethod
     def fit(cls, rows: Rows) -> Standardiser:
         """Take mean and population standard deviation from rows (n, k), a tensor or an array."""
+        if not isinstance(rows, Tensor):
+            rows = validation.check_array(rows, "rows", (None, None))
+        validation.check_matrix(torch.as_tensor(rows), "rows")
         std = rows.std(0, unbiased=False) if isinstance(rows, Tensor) else rows.std(0)
         varies = (rows != rows[0]).any(0)  # rounding can give constant columns a std above 0
         return cls(rows.mean(0), std * varies)
@@ -117,10 +120,11 @@ class Dataset:
         """The distinct conditions if there are at most 64, else n rows of c, evenly spaced."""
         if self.c is None:
             raise ValueError("this data set has no condition")
+        validation.check_count(n, "n")
         distinct = torch.unique(self.c, dim=0).flip(0)
         if len(distinct) <= 64:
             return distinct
-        return self.c[torch.linspace(0, len(self) - 1, validation.check_count(n, "n")).long()]
+        return self.c[torch.linspace(0, len(self) - 1, n).long()]
 
 
 @dataclass(frozen=True)
@@ -139,6 +143,7 @@ class Unconditional:
 
 def unconditional(data: Any) -> Unconditional | Dataset:
     """Remove the condition of `data`; a `Dataset` stays a `Dataset`."""
+    validation.check_has(data, "data", "data such as mixtures.petals()", "sample", "name", "dim")
     name = f"{data.name} without condition"
     if isinstance(data, Dataset):
         return Dataset(data.x1, None, name)

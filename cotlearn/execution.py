@@ -57,8 +57,9 @@ def execute(path: Path, *, timeout: int = 300) -> Run:
     Raises:
         ValueError: If `path` is not a readable notebook, or `timeout` is below 1.
     """
-    if timeout < 1:
-        raise ValueError(f"timeout must be at least 1 second, got {timeout}")
+    from cotlearn.validation import check_count  # imports torch
+
+    check_count(timeout, "timeout")
     notebook = read(path)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     start, begun = time.perf_counter(), [0]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 from scipy.integrate import solve_ivp
 
-from cotlearn.validation import check_array, check_choice, check_count, check_number, check_share
+from cotlearn import validation
 
 Array = NDArray[np.float64]
 
@@ -42,10 +42,10 @@ class LinearGaussian:
     S_c: Array
 
     def __post_init__(self) -> None:
-        A = check_array(self.A, "A", (None, None))
+        A = validation.check_array(self.A, "A", (None, None))
         d, k = A.shape
         object.__setattr__(self, "A", A)
-        object.__setattr__(self, "b", check_array(self.b, "b", (d,)))
+        object.__setattr__(self, "b", validation.check_array(self.b, "b", (d,)))
         object.__setattr__(self, "S", _positive_definite(self.S, "S", d))
         object.__setattr__(self, "S_c", _positive_definite(self.S_c, "S_c", k))
 
@@ -72,7 +72,10 @@ class LinearGaussian:
 
     def sample(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw n pairs (x1, c) of shapes (n, d) and (n, k)."""
-        c = rng.multivariate_normal(np.zeros(len(self.S_c)), self.S_c, size=check_count(n, "n"))
+        validation.check_has(rng, "rng", "a numpy.random.Generator", "multivariate_normal")
+        c = rng.multivariate_normal(
+            np.zeros(len(self.S_c)), self.S_c, size=validation.check_count(n, "n")
+        )
         noise = rng.multivariate_normal(np.zeros(len(self.S)), self.S, size=n)
         return c @ self.A.T + self.b + noise, c
 
@@ -88,15 +91,15 @@ class LinearGaussian:
         Raises:
             ValueError: g is negative, too large or an unknown name, or label is unknown.
         """
-        by_source = check_choice(label, "label", ("target", "source")) == "source"
+        by_source = validation.check_choice(label, "label", ("target", "source")) == "source"
         d, k = self.A.shape
         everything = self.covariance
         x1_x1, x1_c = everything[:d, :d], everything[:d, d:]
         x0_c = np.zeros((d, k))  # unless noise is chosen by the label
         if isinstance(g, str):
-            check_choice(g, "g", ("independent",))
+            validation.check_choice(g, "g", ("independent",))
             x0_x1 = np.zeros((d, d))
-        elif math.isinf(g := check_number(g, "g", infinite=True)):
+        elif math.isinf(g := validation.check_number(g, "g", infinite=True)):
             x0_x1 = _sqrtm(self.S)  # x1 = A c + b + S^(1/2) x0, whichever condition is the label
         elif g == 0:  # the map from N(0, I) ignores c
             x0_x1 = _sqrtm(x1_x1)
@@ -160,9 +163,9 @@ class AffineFlow:
 
     def velocity(self, t: float, x: ArrayLike, c: ArrayLike) -> Array:
         """v(t, x, c) for x of shape (n, d) and c of shape (n, k); t in [0, 1]."""
-        F, G, f = self.coefficients(check_share(t, "t"))
-        x = check_array(x, "x", (None, len(F)))
-        return x @ F.T + check_array(c, "c", (len(x), G.shape[1])) @ G.T + f
+        F, G, f = self.coefficients(validation.check_share(t, "t"))
+        x = validation.check_array(x, "x", (None, len(F)))
+        return x @ F.T + validation.check_array(c, "c", (len(x), G.shape[1])) @ G.T + f
 
     def law_after(self, c: ArrayLike, nfe: int | None = None) -> tuple[Array, Array]:
         """Mean (d,) and covariance (d, d) of the sample for one condition c of shape (k,).
@@ -172,7 +175,7 @@ class AffineFlow:
             nfe: Euler steps from N(0, I); None solves the ordinary differential equation.
         """
         P, q, C = self._after(nfe)
-        return P @ check_array(c, "c", (len(self.problem.S_c),)) + q, C
+        return P @ validation.check_array(c, "c", (len(self.problem.S_c),)) + q, C
 
     def squared_w2(self, nfe: int | None = None) -> float:
         """E_c W2^2(law of the sample given c, p(x1 | c)), exactly.
@@ -193,7 +196,7 @@ class AffineFlow:
             M = self._exact
         else:
             M = np.eye(d, d + k + 1)
-            for step in range(check_count(nfe, "nfe")):
+            for step in range(validation.check_count(nfe, "nfe")):
                 M = M + self._derivative(step / nfe, M) / nfe
         U, P, q = np.split(M, [d, d + k], axis=1)
         return P, q[:, 0], U @ U.T
@@ -247,7 +250,7 @@ def _sqrtm(matrix: Array) -> Array:
 
 
 def _symmetric(value: ArrayLike, name: str, size: int | None = None) -> Array:
-    array = check_array(value, name, (size, size))
+    array = validation.check_array(value, name, (size, size))
     if array.shape[0] != array.shape[1] or not np.allclose(array, array.T):
         raise ValueError(f"{name} must be symmetric, got {array.tolist()}")
     return array

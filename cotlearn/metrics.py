@@ -93,6 +93,8 @@ def conditional_squared_w2(
     validation.check_function(sample, "sample", "(c, generator) -> x")
     validation.check_generator(generator)
     validation.check_count(n, "n")
+    check = validation.check_has
+    check(data, "data", "data with conditions, as Dataset(x1, c)", "conditions", "sample_given")
     values = []
     for row in data.conditions():
         repeated = row.expand(n, -1)

@@ -6,6 +6,7 @@ Each error message names the argument, the value that came and the value that wa
 import itertools
 import math
 import tempfile
+from collections.abc import Sequence
 from numbers import Integral
 from pathlib import Path
 from types import EllipsisType
@@ -44,6 +45,8 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None, hint: str
         raise ValueError(f"{name} is empty: it has shape {tuple(value.shape)}")
     if columns is not None and value.shape[1] != columns:
         raise ValueError(f"{name} has {value.shape[1]} columns, expected {columns}")
+    if value.is_meta:
+        raise ValueError(f"{name} must hold numbers, got a tensor on the device meta")
     if not math.isfinite(value.detach().sum()):  # quick; large finite numbers can overflow, too
         bad = int((~torch.isfinite(value)).any(dim=1).sum())
         if bad:
@@ -254,10 +257,26 @@ def check_choice(value: Any, name: str, choices: tuple[str, ...], also: str = ""
     return str(value)
 
 
-def check_function(value: Any, name: str, form: str) -> None:
-    """Raise TypeError unless `value` can be called; `form` is, for instance, "(x, c) -> x"."""
+def check_function(value: Any, name: str, form: str) -> Any:
+    """Return `value` if it can be called; `form` is, for instance, "(x, c) -> x"."""
     if not callable(value):
         raise TypeError(f"{name} must be a function {form}, got {value!r}")
+    return value
+
+
+def check_has(value: Any, name: str, wanted: str, *attributes: str) -> Any:
+    """Return `value` if it is an object, not a class, with these attributes; `wanted` names it."""
+    if isinstance(value, type) or not all(hasattr(value, item) for item in attributes):
+        got = type(value).__name__ if isinstance(value, Tensor | np.ndarray) else repr(value)
+        raise TypeError(f"{name} must be {wanted}, got {got}")
+    return value
+
+
+def check_seeds(values: Any, name: str = "seeds") -> list[int]:
+    """Return seeds as a list if they are a sequence of at least one integer from 0."""
+    if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str) or not len(values):
+        raise TypeError(f"{name} must be a non-empty sequence of integers, got {values!r}")
+    return [check_count(seed, f"{name}[{i}]", minimum=0) for i, seed in enumerate(values)]
 
 
 def check_generator(value: Any, name: str = "generator") -> None:
@@ -272,6 +291,8 @@ def check_output(path: str | Path, name: str) -> Path:
     Raises:
         ValueError: it is a folder, or its folder is a file or not writable.
     """
+    if not isinstance(path, str | Path):
+        raise TypeError(f"{name} must be a path, got {path!r}")
     path = Path(path)
     folder = path.parent
     try:

@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation, sinkhorn_plan
 from cotlearn.couplings.base import Array, Coupling, Index, Match, near_rows, squared_distances
-from cotlearn.validation import check_choice, check_count, check_number, check_positive, check_share
 
 VARIANTS = ("weighted", "topk", "full")
 LIMIT = 64  #: most distinct conditions in a "full" batch, which needs B evaluations for each
@@ -59,13 +59,16 @@ class ModelAligned(Coupling):
     transformable = False
 
     def __post_init__(self) -> None:
-        check_choice(self.variant, "variant", VARIANTS)
-        check_positive(check_share(self.fraction, "fraction"), "fraction")
-        check_number(self.boost, "boost")
-        check_count(self.warmup_steps, "warmup_steps", minimum=0)
-        for value in self.regularization:
-            check_positive(value, "regularization")
-        if check_number(self.condition_weight, "condition_weight") and self.variant != "full":
+        validation.check_choice(self.variant, "variant", VARIANTS)
+        validation.check_positive(validation.check_share(self.fraction, "fraction"), "fraction")
+        validation.check_number(self.boost, "boost")
+        validation.check_count(self.warmup_steps, "warmup_steps", minimum=0)
+        for value in validation.check_array(self.regularization, "regularization", (2,)):
+            validation.check_positive(value, "regularization")
+        if (
+            validation.check_number(self.condition_weight, "condition_weight")
+            and self.variant != "full"
+        ):
             raise ValueError("condition_weight is for variant 'full': the others pair i with i")
         self.needs_condition = self.condition_weight > 0
         self._network: Any = None

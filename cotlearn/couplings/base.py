@@ -13,16 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from torch import Tensor
 
-from cotlearn.validation import (
-    IMAGES,
-    check_condition,
-    check_count,
-    check_function,
-    check_generator,
-    check_matrix,
-    check_same_rows,
-    check_shape,
-)
+from cotlearn import validation
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -55,8 +46,8 @@ class Pairs:
         x0, c, shape = self.x0, self.c, np.shape(self.x0)
         if len(shape) != 2 or 0 in shape:
             raise ValueError(f"x0 must have shape (rows, columns) and not be empty, got {shape}")
-        check_shape(x0, "x0", shape)
-        check_shape(self.x1, "x1", shape)
+        validation.check_shape(x0, "x0", shape)
+        validation.check_shape(self.x1, "x1", shape)
         if c is not None and not (isinstance(c, Tensor) and c.ndim == 2 and len(c) == len(x0)):
             raise ValueError(f"c must have shape ({len(x0)}, columns), got {c!r}")
 
@@ -161,11 +152,11 @@ class Coupling(WithOptions):
             TypeError: an input is not a floating-point tensor, or c is None but needed.
             ValueError: shapes do not match, a batch is empty, or values are not finite.
         """
-        check_matrix(x0, "x0", hint=IMAGES)
-        check_matrix(x1, "x1", columns=x0.shape[1], hint=IMAGES)
-        check_same_rows(x1, "x1", x0, "x0")
+        validation.check_matrix(x0, "x0", hint=validation.IMAGES)
+        validation.check_matrix(x1, "x1", columns=x0.shape[1], hint=validation.IMAGES)
+        validation.check_same_rows(x1, "x1", x0, "x0")
         self._check_condition(c, x0, "x0")
-        check_generator(generator)
+        validation.check_generator(generator)
         with torch.no_grad():
             match = self.match(x0, x1, c, _numpy_rng(generator))
         source = torch.from_numpy(match.source_index).to(x0.device)
@@ -208,24 +199,21 @@ class Coupling(WithOptions):
             ValueError: a size is out of range, or ot_batch_size is given to a coupling with
                 `whole_data`.
         """
-        check_count(batch_size, "batch_size")
+        validation.check_count(batch_size, "batch_size")
         ot_batch_size = batch_size if ot_batch_size is None else ot_batch_size
-        check_count(ot_batch_size, "ot_batch_size", minimum=batch_size)
+        validation.check_count(ot_batch_size, "ot_batch_size", minimum=batch_size)
         if ot_batch_size % batch_size or (self.whole_data and ot_batch_size != batch_size):
             allowed = "equal to" if self.whole_data else "a multiple of"  # all the data are paired
             raise ValueError(
                 f"ot_batch_size must be {allowed} batch_size {batch_size} for "
                 f"{type(self).__name__}, got {ot_batch_size}"
             )
-        check_count(start, "start", minimum=0)
-        check_generator(generator)
+        validation.check_count(start, "start", minimum=0)
+        validation.check_generator(generator)
         if source is not None:
-            check_function(source, "source", "(n, generator) -> x0")
-        if not (hasattr(data, "sample") or hasattr(data, "x1")):
-            got = type(data).__name__
-            raise TypeError(
-                f"data must have sample(n, generator), as Dataset(x1, c) has; got {got}"
-            )
+            validation.check_function(source, "source", "(n, generator) -> x0")
+        wanted = "an object with sample(n, generator), as Dataset(x1, c)"
+        validation.check_has(data, "data", wanted, "x1" if hasattr(data, "x1") else "sample")
         seed = torch.initial_seed() if generator is None else generator.initial_seed()
         epoch = self.epoch_rows(data)
         self.prepare(data, source, generator_for(seed, 0, purpose=3))
@@ -280,7 +268,7 @@ class Coupling(WithOptions):
     def _check_condition(self, c: Tensor | None, x: Tensor, name: str) -> None:
         """Raise TypeError or ValueError unless c are conditions of the rows of x."""
         if c is not None:
-            check_same_rows(check_condition(c), "c", x, name)
+            validation.check_same_rows(validation.check_condition(c), "c", x, name)
         elif self.needs_condition:
             raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
 
@@ -323,14 +311,16 @@ class Last:
 
 def check_like(value: Any, name: str, x: Tensor) -> Tensor:
     """Return a user function's `value` if it is finite and has the shape of x (B, d)."""
-    return check_matrix(check_shape(value, name, tuple(x.shape)), name)
+    return validation.check_matrix(validation.check_shape(value, name, tuple(x.shape)), name)
 
 
 def draw_noise(x1: Tensor, source: Source | None, generator: torch.Generator) -> Tensor:
     """Draw noise with the shape of x1 (n, d), standard normal unless a source is given."""
     if source is None:
         return torch.randn(x1.shape, dtype=x1.dtype, generator=generator)
-    return check_shape(source(len(x1), generator=generator), "source(n)", tuple(x1.shape))
+    return validation.check_shape(
+        source(len(x1), generator=generator), "source(n)", tuple(x1.shape)
+    )
 
 
 def generator_for(seed: int, number: int, purpose: int = 0) -> torch.Generator:

@@ -20,6 +20,7 @@ from cotlearn.validation import (
     check_condition,
     check_count,
     check_function,
+    check_has,
     check_matrix,
     check_number,
     check_same_rows,
@@ -219,6 +220,7 @@ class EmbeddedClusters(Clusters):
 
     def __post_init__(self) -> None:
         check_function(self.embed, "embed", "of c")
+        check_has(self.inner, "inner", "clusters such as KMeansCondition()", "fit", "project")
         check_count(self.rows, "rows")
 
     def fit(self, c: Tensor) -> Self:

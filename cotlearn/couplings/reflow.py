@@ -11,7 +11,7 @@ from torch import Tensor
 from cotlearn.couplings.base import Coupling, Match, Pairs, Source, check_like
 from cotlearn.couplings.independent import Independent
 from cotlearn.renamed import renamed
-from cotlearn.validation import check_function, check_same_rows
+from cotlearn.validation import check_function, check_matrix, check_same_rows
 
 
 @dataclass(repr=False)
@@ -61,6 +61,9 @@ class FixedPairs(Independent):
     name = "reflow"
     whole_data = True
     transformable = False
+
+    def __post_init__(self) -> None:
+        check_matrix(self.x0, "x0")
 
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """Raise ValueError unless noise and data have the same number of rows."""

@@ -62,6 +62,8 @@ class StratifiedOT(Coupling):
         self._refit = self.clusters is not None and not isinstance(self.clusters, Clusters)
         if self._refit:
             self.clusters = KMeansCondition(self.clusters)
+        if not isinstance(self.residual, bool):
+            raise TypeError(f"residual must be True or False, got {self.residual!r}")
         rows = check_count(self.rows_per_solve, "rows_per_solve", minimum=2)
         if rows > LARGEST_SOLVE:
             raise ValueError(f"rows_per_solve must be at most {LARGEST_SOLVE}, got {rows}")

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from cotlearn.couplings.base import Coupling, Last, Match, Pairs, WithOptions, check_like
-from cotlearn.validation import check_function
+from cotlearn.validation import check_function, check_has
 
 Transform = Callable[[Tensor, Tensor], Tensor]
 OfCondition = Callable[[Tensor], Tensor]
@@ -55,9 +55,7 @@ class Transformed(Coupling):
     needs_condition = True
 
     def __post_init__(self) -> None:
-        inner = self.coupling
-        if not isinstance(inner, Coupling):
-            raise TypeError(f"coupling must be a Coupling, got {inner!r}")
+        inner = check_has(self.coupling, "coupling", "a Coupling", "transformable")
         if not inner.transformable or getattr(inner, "label", "target") != "target":
             raise ValueError(
                 "coupling must choose rows of a batch by x1 and c alone, and label them by their "

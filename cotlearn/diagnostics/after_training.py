@@ -9,7 +9,7 @@ from cotlearn import metrics
 from cotlearn.couplings.base import Coupling, Sampler, generator_for
 from cotlearn.flows.matching import Velocity
 from cotlearn.flows.solvers import integrate, sampler
-from cotlearn.validation import check_count
+from cotlearn.validation import check_count, check_function, check_has
 
 FINE = 128  #: Euler steps that stand for the exact solution
 
@@ -64,6 +64,7 @@ def deployment_gap(
     check_count(n, "n", minimum=100)
     check_count(seed, "seed", minimum=0)
     check_count(repetitions, "repetitions", minimum=2)
+    check_has(coupling, "coupling", "a coupling such as Independent()", "stream")
     stream = coupling.stream(data, batch_size=n, generator=torch.Generator().manual_seed(seed))
     errors = np.empty((repetitions, 2))
     for number in range(repetitions):
@@ -128,6 +129,7 @@ def error_budget(
     """
     check_count(nfe, "nfe")
     check_count(seed, "seed", minimum=0)
+    check_function(oracle, "oracle", "(t, x, c) -> v")
     size = data.sample_given(data.conditions()[:1]).shape[1]
 
     def error(sample: metrics.ConditionalSampler) -> float:

@@ -19,7 +19,7 @@ from cotlearn.diagnostics.skew import LinearSkew
 from cotlearn.diagnostics.spread import local_variance
 from cotlearn.metrics import bootstrap_interval, joint_squared_w2
 from cotlearn.progress import progress_bar
-from cotlearn.validation import check_count
+from cotlearn.validation import check_count, check_has
 
 Interval = tuple[float, float]
 FEWEST = 100  #: rows of data
@@ -126,7 +126,7 @@ def frontier(
     c = skew.check_conditioned(x1, "x1", c)
     if len(x1) < FEWEST:
         raise ValueError(f"x1 needs at least {FEWEST} rows for a frontier, got {len(x1)}")
-    if not couplings:
+    if not check_has(couplings, "couplings", "a dict of names and couplings", "items"):
         raise ValueError("couplings is empty: give at least one name and coupling")
     check_count(batch_size, "batch_size", minimum=2)
     check_count(seed, "seed", minimum=0)

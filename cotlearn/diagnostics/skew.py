@@ -7,16 +7,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from cotlearn import validation
 from cotlearn.couplings.base import to_numpy
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.datasets import Standardiser
-from cotlearn.validation import (
-    check_condition,
-    check_count,
-    check_generator,
-    check_matrix,
-    check_same_rows,
-)
 
 MINIMUM_ROWS, MOST_ROWS = 100, 4000  #: of a test; more rows are subsampled
 NEIGHBOURS = 5
@@ -63,7 +57,7 @@ def prior_skew(x0: Tensor, c: Tensor, *, generator: torch.Generator | None = Non
     c = check_conditioned(x0, "x0", c)
     if len(x0) < MINIMUM_ROWS:
         raise ValueError(f"x0 and c need at least {MINIMUM_ROWS} rows, got {len(x0)}")
-    check_generator(generator)
+    validation.check_generator(generator)
     rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
     rows = rng.permutation(len(x0))[:MOST_ROWS]
     half = len(rows) // 2
@@ -86,9 +80,9 @@ def prior_skew(x0: Tensor, c: Tensor, *, generator: torch.Generator | None = Non
 
 def check_conditioned(x: Tensor, name: str, c: Tensor) -> Tensor:
     """Return c (n, k) as floats if x (n, d) and c are finite and have equally many rows."""
-    check_matrix(x, name)
-    c = check_condition(c)
-    check_same_rows(c, "c", x, name)
+    validation.check_matrix(x, name)
+    c = validation.check_condition(c)
+    validation.check_same_rows(c, "c", x, name)
     return c
 
 
@@ -156,7 +150,7 @@ def linear_skew(x0: Tensor, c: Tensor, *, degree: int = 1, cells: int | None = N
         polynomials = PolynomialFeatures(degree, include_bias=False)
         features = polynomials.fit_transform(_standardised(to_numpy(c)))
     else:  # one-hot: the cell of each row
-        check_count(cells, "cells", minimum=2)
+        validation.check_count(cells, "cells", minimum=2)
         features = np.eye(cells)[KMeansCondition(min(cells, len(c))).fit(c).labels(c)]
     noise, features = _whitened(to_numpy(x0)), _whitened(features)
     n, d, p = len(noise), noise.shape[1], features.shape[1]

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Velocity, conditional_flow_matching_loss
-from cotlearn.validation import check_number, check_share
+from cotlearn.validation import check_function, check_number, check_share
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,7 @@ class Guided:
     scale: float
 
     def __post_init__(self) -> None:
+        check_function(self.velocity, "velocity", "(t, x, c) -> v")
         check_number(self.scale, "scale")
 
     @property

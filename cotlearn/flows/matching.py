@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
-from cotlearn.validation import check_choice, check_shape, check_share
+from cotlearn.validation import check_choice, check_function, check_shape, check_share
 
 #: A velocity field: (t, x, c) -> (B, d), with t a number or of shape (B,).
 Velocity: TypeAlias = Callable[[Tensor, Tensor, Tensor | None], Tensor]
@@ -95,7 +95,7 @@ def velocity_of(network: Velocity, prediction: str = "velocity") -> Velocity:
         prediction: "velocity" returns the network itself; "data" (network - x) / (1 - t).
     """
     if check_choice(prediction, "prediction", PREDICTIONS) == "velocity":
-        return network
+        return check_function(network, "network", "(t, x, c) -> v")
     return lambda t, x, c: (network(t, x, c) - x) / (1 - t.reshape(-1, 1))
 
 

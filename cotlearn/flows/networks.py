@@ -182,6 +182,8 @@ class TemporalUNet(_Network):
         super().__init__(
             check_count(steps, "steps") * check_count(channels, "channels"), condition_dim
         )
+        if not widths:
+            raise ValueError("widths is empty: give at least one")
         if steps % 2 ** (len(widths) - 1) or kernel % 2 == 0:
             raise ValueError(
                 f"steps must be a multiple of {2 ** (len(widths) - 1)} for {len(widths)} levels, "

@@ -57,7 +57,8 @@ def _rk4(field: Field, t: float, h: float, x: Tensor) -> Tensor:
 
 #: Each method and its evaluations per step.
 _STEPS = {"euler": (_euler, 1), "midpoint": (_midpoint, 2), "heun": (_heun, 2), "rk4": (_rk4, 4)}
-METHODS = (*_STEPS, "dopri5")
+FIXED = tuple(_STEPS)  #: with steps of a fixed size
+METHODS = (*FIXED, "dopri5")
 
 
 @torch.no_grad()
@@ -154,6 +155,7 @@ def sampler(velocity: Velocity, *, nfe: int, dim: int | None = None) -> Callable
         ValueError: dim is missing.
     """
     validation.check_function(velocity, "velocity", "(t, x, c) -> v")
+    validation.check_count(nfe, "nfe")
     size = getattr(velocity, "dim", None) if dim is None else validation.check_count(dim, "dim")
     if size is None:
         raise ValueError("dim is missing: the velocity has no attribute dim")

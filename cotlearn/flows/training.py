@@ -305,12 +305,9 @@ def _load(path: str | Path, state: _State) -> None:
 
 
 def _check_kinds(network: Any, data: Any, coupling: Any) -> None:
-    for name, value, method, wanted in (
-        ("network", network, "parameters", "a torch.nn.Module"),
-        ("data", data, "sample", "an object with sample(n, generator=g), as Dataset(x1, c)"),
-        ("coupling", coupling, "stream", "a coupling such as Independent()"),
-    ):
-        if isinstance(value, type) or not hasattr(value, method):
-            raise TypeError(f"{name} must be {wanted}, got {value!r}")
+    validation.check_has(network, "network", "a torch.nn.Module", "parameters")
+    wanted = "an object with sample(n, generator=g), as Dataset(x1, c)"
+    validation.check_has(data, "data", wanted, "sample")
+    validation.check_has(coupling, "coupling", "a coupling such as Independent()", "stream")
     if next(network.parameters(), None) is None:
         raise ValueError("network has no parameters: there is nothing to train")

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
+from cotlearn import validation
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet
 from cotlearn.flows.one_step import MeanVelocity
 from cotlearn.policies.pixels import CameraNetwork
@@ -20,7 +21,6 @@ from cotlearn.policies.windows import Windows
 from cotlearn.renamed import renamed
 from cotlearn.robots.task import Array
 from cotlearn.storage import load_tensors, save_tensors
-from cotlearn.validation import check_array, check_count, check_number, check_shape
 
 _FITTED = "fitted."  #: prefix of the coupling's tensors in a file
 _NETWORKS: dict[str, Any] = {
@@ -62,7 +62,10 @@ class ChunkPolicy:
             if got != expected:
                 raise ValueError(f"network has {name} {got}, but these windows need {expected}")
         check_execute(self.execute, self.windows.predict)
-        check_number(self.temperature, "temperature")
+        validation.check_number(self.temperature, "temperature")
+        validation.check_has(
+            self.sampler, "sampler", "a sampler such as FlowSampler()", "draws", "nfe"
+        )
         self.network.eval()
 
     def with_sampler(self, sampler: Sampler) -> ChunkPolicy:
@@ -75,7 +78,9 @@ class ChunkPolicy:
         The first draw is the same for every sampler, so that policies can be compared on the same
         noise.
         """
-        return torch.randn(self.sampler.draws, n, self.windows.dim, generator=generator)
+        validation.check_generator(generator)
+        rows = validation.check_count(n, "n")
+        return torch.randn(self.sampler.draws, rows, self.windows.dim, generator=generator)
 
     @torch.no_grad()
     def draw(self, noise: Tensor, c: Tensor) -> Tensor:
@@ -87,7 +92,8 @@ class ChunkPolicy:
             TypeError: noise is not a floating-point tensor.
             ValueError: the shape of noise does not fit c or the policy.
         """
-        check_shape(noise, "noise", (self.sampler.draws, len(c), self.windows.dim))
+        validation.check_shape(noise, "noise", (self.sampler.draws, len(c), self.windows.dim))
+        validation.check_matrix(noise.flatten(1), "noise")
         noise = self.temperature * noise
         if isinstance(self.network, CameraNetwork):
             return self.sampler(self.network.head, noise, self.network.encode(c))
@@ -113,7 +119,7 @@ class ChunkPolicy:
             RuntimeError: the network's output is not finite.
         """
         shape = (None, self.windows.observe, len(self.windows.task.state))
-        history = check_array(history, "history", shape)
+        history = validation.check_array(history, "history", shape)
         if noise is None:
             noise = self.noise(len(history), generator)
         x = self.draw(noise, self.windows.condition(history))
@@ -134,6 +140,7 @@ class ChunkPolicy:
 
     def latency(self, *, repetitions: int = 30) -> float:
         """Median seconds to sample one chunk, from state to actions."""
+        validation.check_count(repetitions, "repetitions")
         generator = torch.Generator().manual_seed(0)
         state = self.windows.task.vector_sim([0]).states
         history = np.repeat(state[:, None], self.windows.observe, axis=1)
@@ -200,7 +207,7 @@ class ChunkPolicy:
 
 def check_execute(execute: int, predict: int) -> None:
     """Raise ValueError unless `execute` is from 1 to `predict`."""
-    if check_count(execute, "execute") > predict:
+    if validation.check_count(execute, "execute") > predict:
         raise ValueError(f"execute must be at most the {predict} predicted steps, got {execute}")
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from cotlearn.couplings.base import generator_for
 from cotlearn.progress import progress_bar
 from cotlearn.robots.task import Array, Task, check_numbers
-from cotlearn.validation import check_count
+from cotlearn.validation import check_count, check_has, check_seeds
 
 #: First seeds of starts, a million seeds each (demonstrations have hashed 32-bit seeds):
 #: EXPLORATION for trying and choosing, COUNTED for counting modes, REPORTED for the tables only.
@@ -99,11 +99,13 @@ def rollout(
     Raises:
         ValueError: the policy's actions have a wrong shape, are out of range or not finite.
     """
+    check_has(policy, "policy", "a policy such as ChunkPolicy", "windows", "act")
     task = policy.windows.task
     max_steps = check_count(task.max_steps if max_steps is None else max_steps, "max_steps")
     if seeds is None:
         seeds = range(EXPLORATION, EXPLORATION + check_count(episodes, "episodes"))
-    episodes = check_count(len(seeds), "seeds")
+    seeds = check_seeds(seeds)
+    episodes = len(seeds)
     sim = task.vector_sim(seeds)
     state = sim.states
     history = np.repeat(state[:, None], policy.windows.observe, axis=1)

@@ -13,8 +13,8 @@ from torch import Tensor, nn
 from cotlearn.flows.diffusion import SPACINGS, Diffusion, predict
 from cotlearn.flows.matching import velocity_of
 from cotlearn.flows.one_step import MeanVelocity, TwoPasses, jump
-from cotlearn.flows.solvers import integrate
-from cotlearn.validation import check_choice
+from cotlearn.flows.solvers import FIXED, integrate
+from cotlearn.validation import check_choice, check_count
 
 
 class Sampler:
@@ -63,8 +63,9 @@ class FlowSampler(Sampler):
     prediction: str = "velocity"
 
     def __post_init__(self) -> None:
-        if self.prediction == "data":
-            check_choice(self.method, "method", ("euler", "midpoint"))
+        check_count(self.nfe, "nfe")
+        exact = self.prediction == "data"
+        check_choice(self.method, "method", ("euler", "midpoint") if exact else FIXED)
 
     @property
     def name(self) -> str:
@@ -145,6 +146,9 @@ class DDIMSampler(Sampler):
     spacing: str = "leading"
     clip: float = 1.0
     prediction: str = "noise"
+
+    def __post_init__(self) -> None:
+        diffusion_of(self.prediction, self.levels).ddim_levels(self.nfe, self.spacing)  # checks
 
     @property
     def name(self) -> str:

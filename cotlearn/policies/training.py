@@ -21,7 +21,7 @@ from cotlearn.policies.pixels import Pixels
 from cotlearn.policies.policy import ChunkPolicy, check_execute
 from cotlearn.policies.windows import Windows
 from cotlearn.robots.episodes import Episodes
-from cotlearn.validation import check_choice, check_count
+from cotlearn.validation import check_choice, check_count, check_has, check_positive, check_share
 
 NETWORKS = ("mlp", "unet")
 _SHAPE = ("observe", "predict", "label", "scale", "knots", "open_loop")  #: for `Windows.fit`
@@ -88,7 +88,10 @@ class Options:
 
     def __post_init__(self) -> None:
         check_choice(self.network, "network", NETWORKS)
-        check_count(self.steps, "steps")
+        for name in ("steps", "batch_size", "ot_batch_size", "width", "observe", "predict"):
+            check_count(getattr(self, name), name)
+        check_positive(self.learning_rate, "learning_rate")
+        check_share(self.ema, "ema")
         check_execute(self.execute, self.predict)
         sees = self.network, self.frame or "agent"
         if self.camera and sees != ("mlp", "agent"):
@@ -234,6 +237,7 @@ def train(
         KeyboardInterrupt: Ctrl-C, after the checkpoint has been written.
     """
     method, seed = find_method(method), check_count(seed, "seed", minimum=0)
+    check_has(episodes, "episodes", "Episodes", "intention", "task")
     options = method.settle(options or Options())
     windows = options.windows(episodes)
     data = windows.dataset(episodes, label=options.label)

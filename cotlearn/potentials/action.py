@@ -18,7 +18,7 @@ from cotlearn.flows.matching import interpolate, uniform_times
 from cotlearn.flows.networks import VelocityMLP
 from cotlearn.potentials.convex import ConvexPotential
 from cotlearn.potentials.optimal_flow import straight_line
-from cotlearn.validation import check_shape, check_times
+from cotlearn.validation import check_has, check_shape, check_times
 
 #: Interpolates: x_t of shape (B, d) from x0 and x1 of shape (B, d) and t of shape (B,).
 Path: TypeAlias = Callable[[Tensor, Tensor, Tensor], Tensor]
@@ -76,7 +76,7 @@ class OptimalAction(nn.Module):
 
     def __init__(self, potential: ConvexPotential) -> None:
         super().__init__()
-        self.potential = potential
+        self.potential = check_has(potential, "potential", "a ConvexPotential", "given")
         self.dim, self.condition_dim = potential.dim, potential.condition_dim
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:

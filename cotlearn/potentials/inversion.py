@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from cotlearn.potentials.convex import ConvexPotential, Given
-from cotlearn.validation import check_inputs, check_times
+from cotlearn.validation import check_has, check_inputs, check_times
 
 EXPLICIT = 40  #: dimensions up to which full Hessians are cheaper than conjugate gradients
 TOLERANCE = {torch.float64: 1e-10}  #: of |residual| / (1 + |y|); 1e-4 in other dtypes
@@ -60,6 +60,7 @@ def invert(
     Warns:
         InversionWarning: some rows did not converge.
     """
+    check_has(potential, "potential", "a ConvexPotential", "given")
     c = check_inputs(potential, y, c, "y")
     with torch.no_grad():
         return solve(potential.given(c), y.detach(), check_times(t, y))

@@ -13,7 +13,7 @@ from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import interpolate, uniform_times
 from cotlearn.potentials.convex import ConvexPotential, Given
 from cotlearn.potentials.inversion import solve, solve_curvature
-from cotlearn.validation import check_inputs, check_same_rows, check_times
+from cotlearn.validation import check_has, check_inputs, check_same_rows, check_times
 
 LINES = 512  #: most lines that can provide the start of an inversion
 
@@ -100,6 +100,7 @@ def dual_objective(
     Returns:
         (B,), differentiable in the parameters.
     """
+    check_has(potential, "potential", "a ConvexPotential", "given")
     c = check_inputs(potential, x0, c, "x0")
     check_inputs(potential, x1, c, "x1")
     check_same_rows(x1, "x1", x0, "x0")
@@ -126,6 +127,7 @@ def _near(given: Given, pairs: Pairs, y: Tensor, t: Tensor) -> Tensor | None:
 @torch.no_grad()
 def transport(potential: ConvexPotential, x0: Tensor, c: Tensor | None = None) -> Tensor:
     """Sample with one evaluation: x1 = grad Psi(x0; c), shape (B, d), from x0 (B, d)."""
+    check_has(potential, "potential", "a ConvexPotential", "given")
     return potential.gradient(x0, check_inputs(potential, x0, c, "x0"))
 
 
@@ -139,7 +141,7 @@ class OptimalField:
     """
 
     def __init__(self, potential: ConvexPotential) -> None:
-        self.potential = potential
+        self.potential = check_has(potential, "potential", "a ConvexPotential", "given")
         self.dim, self.condition_dim = potential.dim, potential.condition_dim
 
     def __call__(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:

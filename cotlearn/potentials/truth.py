@@ -10,10 +10,10 @@ import torch
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
+from cotlearn import validation
 from cotlearn.couplings.base import squared_distances
 from cotlearn.mixtures import spread_conditions, uniform_conditions
 from cotlearn.potentials.convex import ConvexPotential
-from cotlearn.validation import check_count, check_inputs
 
 RADIUS, WIDE, NARROW = 3.0, 1.0, 0.3  #: of `ConditionalGaussian`
 PIECES, SPREAD = 8, 2.0  #: of `LogSumExp`
@@ -37,7 +37,7 @@ class LogSumExp(ConvexPotential):
 
     def __init__(self, dim: int, *, seed: int = 0) -> None:
         super().__init__(dim)
-        generator = torch.Generator().manual_seed(check_count(seed, "seed", minimum=0))
+        generator = torch.Generator().manual_seed(validation.check_count(seed, "seed", minimum=0))
         a = torch.randn(PIECES, dim, generator=generator) * math.sqrt(2 / dim)
         self.register_buffer("a", SPREAD * a)
         self.register_buffer("b", SPREAD * torch.randn(PIECES, generator=generator))
@@ -64,10 +64,15 @@ class KnownMap:
     name: str = "known_map"
     condition_dim = 0
 
+    def __post_init__(self) -> None:
+        validation.check_function(self.true_map, "true_map", "of x0")
+        validation.check_count(self.dim, "dim")
+
     @classmethod
     def gaussian(cls, dim: int, *, seed: int = 0) -> KnownMap:
         """A random Gaussian: standard deviations 0.3 to 2 along random axes, mean from N(0, I)."""
-        generator = torch.Generator().manual_seed(check_count(seed, "seed", minimum=0))
+        generator = torch.Generator().manual_seed(validation.check_count(seed, "seed", minimum=0))
+        validation.check_count(dim, "dim")
         axes = torch.linalg.qr(torch.randn(dim, dim, generator=generator))[0]
         slope = axes * torch.linspace(0.3, 2.0, dim) @ axes.T
         mean = torch.randn(dim, generator=generator)
@@ -75,13 +80,14 @@ class KnownMap:
 
     def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, None]:
         """Draw n rows of x1; there is no condition."""
-        x0 = torch.randn(check_count(n, "n"), self.dim, generator=generator)
+        validation.check_generator(generator)
+        x0 = torch.randn(validation.check_count(n, "n"), self.dim, generator=generator)
         return self.transport(x0), None
 
     @torch.no_grad()
     def transport(self, x0: Tensor, c: Tensor | None = None) -> Tensor:
         """T(x0), shape (n, d); c must be None."""
-        check_inputs(self, x0, c, "x0")
+        validation.check_inputs(self, x0, c, "x0")
         return self.true_map(x0)
 
 
@@ -100,7 +106,7 @@ class ConditionalGaussian:
     name = "conditional_gaussian"
 
     def __init__(self, dim: int = 2) -> None:
-        self.dim = check_count(dim, "dim")
+        self.dim = validation.check_count(dim, "dim")
 
     def moments(self, c: Tensor) -> tuple[Tensor, Tensor]:
         """m(c) of shape (n, d) and S(c)^{1/2} of shape (n, d, d)."""
@@ -119,7 +125,7 @@ class ConditionalGaussian:
 
     def transport(self, x0: Tensor, c: Tensor) -> Tensor:
         """T_c(x0), shape (n, d)."""
-        mean, root = self.moments(check_inputs(self, x0, c, "x0"))
+        mean, root = self.moments(validation.check_inputs(self, x0, c, "x0"))
         return mean.to(x0) + (root.to(x0) @ x0[:, :, None])[:, :, 0]
 
     def variance(self) -> float:
@@ -128,11 +134,13 @@ class ConditionalGaussian:
 
     def sample_conditions(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Draw n conditions, shape (n, 1)."""
-        return uniform_conditions(check_count(n, "n"), generator)
+        return uniform_conditions(n, generator)
 
     def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw one x1 for each row of c, shape (n, d)."""
-        x0 = torch.randn(*c.shape[:1], self.dim, generator=generator)
+        validation.check_generator(generator)
+        c = validation.check_condition(c, columns=1)
+        x0 = torch.randn(len(c), self.dim, generator=generator)
         return self.transport(x0, c)
 
     def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
@@ -142,7 +150,7 @@ class ConditionalGaussian:
 
     def conditions(self, n: int = 9) -> Tensor:
         """n conditions spread over [-1, 1], shape (n, 1)."""
-        return spread_conditions(check_count(n, "n"))
+        return spread_conditions(n)
 
 
 def eight_gaussians_map(n: int = 1024, *, seed: int = 0) -> tuple[Tensor, Tensor]:
@@ -164,7 +172,8 @@ def eight_gaussians_map(n: int = 1024, *, seed: int = 0) -> tuple[Tensor, Tensor
     Raises:
         ValueError: n is not a power of 2.
     """
-    if check_count(n, "n") & (n - 1):
+    validation.check_count(seed, "seed", minimum=0)
+    if validation.check_count(n, "n") & (n - 1):
         raise ValueError(f"n must be a power of 2, got {n}")
     u = torch.quasirandom.SobolEngine(2, scramble=True, seed=seed).draw(n).double()
     v = torch.quasirandom.SobolEngine(2, scramble=True, seed=seed + 1).draw(n).double()

@@ -16,7 +16,7 @@ from cotlearn.flows import VelocityMLP, fit, integrate
 from cotlearn.metrics import energy_scores
 from cotlearn.report.model import FewStepModel
 from cotlearn.report.sources import Rows
-from cotlearn.validation import check_count
+from cotlearn.validation import check_count, check_has
 
 FEWEST, FEWEST_OUT = 100, 20  #: rows to train on, and held out
 MOST = 20_000  #: rows that are trained on; more are left out at random
@@ -177,6 +177,7 @@ def examine(
         ValueError: too few rows, or data that do not vary.
     """
     check_count(steps, "steps")
+    check_has(rows, "rows", "rows, as read_data returns them", "data", "group")
     check_count(seed, "seed", minimum=0)
     data, (inside, outside) = rows.data, split(rows, seed=seed)
     assert data.c is not None  # `Rows` have conditions

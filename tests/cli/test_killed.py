@@ -1,6 +1,6 @@
-"""kill -9 in the middle of a command: the same command goes on, and nothing that was done is lost.
+"""Ctrl-C or kill -9 in the middle of a command: the same command goes on, and nothing is lost.
 
-`cotlearn grade` has its own test in tests/homework/test_grading.py.
+`grade`, `check`, `run` and `homework` have tests in tests/homework.
 """
 
 import contextlib
@@ -10,14 +10,17 @@ import signal
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from cotlearn.policies.policy import ChunkPolicy
+from cotlearn.report import FewStepModel
 from cotlearn.robots.episodes import read
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(sys.platform == "win32", reason="no kill -9"),
+    pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT]),
 ]
 PATIENCE = 600  # seconds, on a very busy machine
 
@@ -51,16 +54,18 @@ def start():
     return started
 
 
-def kill_when_there_is(file, process):
-    """Kills a process as soon as a file is there."""
+def end_when_there_is(file, process, number):
+    """Ends a process as soon as a file is there."""
     deadline = time.monotonic() + PATIENCE
     while not file.exists():
         assert process.is_alive(), f"ended with {process.exitcode}"
         assert time.monotonic() < deadline, f"no {file}"
         time.sleep(0.01)
-    process.kill()
+    begun = time.monotonic()
+    os.kill(process.pid, number)
     process.join()
-    assert process.exitcode == -signal.SIGKILL
+    assert process.exitcode == (130 if number == signal.SIGINT else -number)
+    assert time.monotonic() - begun < 3
 
 
 def finish(process, folder):
@@ -71,10 +76,10 @@ def finish(process, folder):
     return said
 
 
-def test_demos(tmp_path, start):
+def test_demos(tmp_path, start, number):
     words = ["demos", "arm-ring", "--episodes", 60, "--out", "made.npz"]
     part = tmp_path / "made.npz.parts" / "000000-000050.npz"
-    kill_when_there_is(part, start(words, tmp_path))
+    end_when_there_is(part, start(words, tmp_path), number)
     assert not (tmp_path / "made.npz").exists()
     part.rename(tmp_path / "kept.npz")
     before = (tmp_path / "kept.npz").stat()
@@ -87,11 +92,11 @@ def test_demos(tmp_path, start):
     assert not part.parent.exists()
 
 
-def test_train(tmp_path, start):
+def test_train(tmp_path, start, number):
     words = ["train", "arm-ring", "--coupling", "behaviour_cloning", "--steps", 300]
     words += ["--batch-size", 4, "--episodes", 20, "--rollouts", 0, "--out", "made.safetensors"]
     checkpoint = tmp_path / "made.training.safetensors"
-    kill_when_there_is(checkpoint, start(words, tmp_path))
+    end_when_there_is(checkpoint, start(words, tmp_path), number)
     assert not (tmp_path / "made.safetensors").exists()
     other = tmp_path / "homemade.training.safetensors"  # of another run
     other.write_bytes(b"")
@@ -102,13 +107,27 @@ def test_train(tmp_path, start):
     assert left == {"made.safetensors"}
 
 
-def test_bench(tmp_path, start):
+def test_report(tmp_path, start, number):
+    rng = np.random.default_rng(0)
+    np.savez(tmp_path / "mine.npz", x1=rng.normal(size=(400, 2)), c=rng.normal(size=(400, 1)))
+    words = ["report", "mine.npz", "--steps", 300, "--out", "r.html"]
+    checkpoint = tmp_path / ".r.html.independent.training.safetensors"
+    end_when_there_is(checkpoint, start(words, tmp_path), number)
+    kept = checkpoint.stat()
+    assert "page: r.html" in finish(start(words, tmp_path), tmp_path)
+    assert kept.st_size
+    FewStepModel.load(tmp_path / "r.safetensors")
+    left = {file.name for file in tmp_path.iterdir()}
+    assert left == {"mine.npz", "r.html", "r.safetensors"}
+
+
+def test_bench(tmp_path, start, number):
     words = ["bench", "arm-ring", "--methods", "behaviour_cloning", "--seeds", "0,1"]
     words += ["--episodes", 2, "--train-episodes", 20, "--held-out", 5, "--steps", 20]
     words += ["--batch-size", 4, "--folder", "cells", "--weights", "weights"]
     words += ["--summary", "summary.json"]
     first = tmp_path / "cells" / "behaviour_cloning-0.json"
-    kill_when_there_is(first, start(words, tmp_path))
+    end_when_there_is(first, start(words, tmp_path), number)
     before = first.read_bytes()
     said = finish(start(words, tmp_path), tmp_path)
     assert "2 cells, 1 done already" in said

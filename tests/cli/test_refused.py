@@ -54,6 +54,9 @@ def test_pages_and_tables_are_looked_at_before_the_work(tmp_path):
     (file := tmp_path / "file").touch()
     assert "html cannot be written to" in refused("run", "00", "--html", file)
     assert "cannot be written to" in refused("bench", "push-t", "--folder", file)
+    assert "out cannot be written to" in refused("homework", "--out", file)
+    (tmp_path / "in").mkdir()
+    assert "out cannot be written to" in refused("grade", tmp_path / "in", "--out", file / "a.csv")
 
 
 def test_a_file_that_claims_many_rows(tmp_path):
@@ -66,6 +69,15 @@ def test_a_file_that_claims_many_rows(tmp_path):
             file.writestr(f"{name}.npy", header.getvalue())
     assert "is damaged" in refused("report", path, "--out", tmp_path / "a.html")
     assert "is damaged" in refused("train", "push-t", "--data", path, "--out", tmp_path / "a")
+
+
+def test_a_zarr_that_claims_many_rows(tmp_path):
+    zarr = pytest.importorskip("zarr")
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2)
+    for name, columns in (("data/state", 5), ("data/action", 2)):
+        group.create_array(name, shape=(10**12, columns), chunks=(1000, columns), dtype="f4")
+    group.create_array("meta/episode_ends", shape=(1,), dtype="i8")
+    assert "is damaged" in refused("train", "push-t", "--data", tmp_path / "a.zarr")
 
 
 def test_a_full_disk(tmp_path, monkeypatch):

@@ -7,13 +7,14 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from multiprocessing import forkserver
 
 import handed_in
 import pytest
 from handed_in import EULER
 
-from cotlearn.homework import answering, grading, isolation
+from cotlearn.homework import answering, grading, isolation, submissions
 from cotlearn.homework.isolation import Limits
 from cotlearn.homework.registry import printable
 
@@ -159,6 +160,57 @@ def test_an_answer_that_ignores_its_time_is_not_tried_again(tmp_path):
     mark = grade(tmp_path / "in")["a.ipynb"].marked.marks[1]
     assert "longer than 2 seconds" in mark.sentence
     assert mark.sure
+
+
+MESSAGE = """import json, os, struct, time
+def send(text, size=None):
+    data = struct.pack("!i", len(text) if size is None else size) + text.encode()
+    for file in range(3, 64):
+        try: os.write(file, data)
+        except OSError: pass
+"""
+HARMFUL = {
+    "half a message": f"{MESSAGE}send('abc', 100)\ntime.sleep(600)",
+    "another beginning": f"{MESSAGE}while True: send('[\"begun\", 1]'); time.sleep(0.5)",
+    "other findings": f'{MESSAGE}while True: send(\'["found", ["correct", ""]]\')',
+    "files of others": f"{MESSAGE}send('x' * 1000)",
+    "deep folders": "import os\nfor _ in range(1500): os.mkdir('a'); os.chdir('a')",
+    "parents": """import os
+def parent(number):
+    with open(f"/proc/{number}/stat") as f:
+        return int(f.read().rpartition(")")[2].split()[1])
+number = os.readlink("/proc/self")
+keeper = parent(number)
+for number in (parent(keeper), keeper):
+    os.kill(number, 9)""",
+}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_harmful_answer_costs_its_own_points(tmp_path, monkeypatch):
+    monkeypatch.setattr(isolation, "_MESSAGE_SECONDS", 2.0)
+    for name, code in HARMFUL.items():
+        handed_in.write(tmp_path / "in" / f"{name}.ipynb", only(f"{code}\n{EULER}"))
+        handed_in.write(tmp_path / "in" / f"{name}, honest.ipynb", only(EULER))
+    rows = grade(tmp_path / "in", workers=2)
+    assert len(rows) == 2 * len(HARMFUL)
+    assert all(points(row) == POINTS for name, row in rows.items() if "honest" in name)
+    assert all(row.marked.marks for row in rows.values())
+
+
+@pytest.mark.parametrize(
+    "cells", [["#" + "check(" * 10**6], ["x = 1\n" * 10**6], ["pass"] * 10**4], ids=len
+)
+def test_notebooks_that_take_long_to_read(tmp_path, cells):
+    begun = time.monotonic()
+    handed_in.write(tmp_path / "in" / "a.ipynb", handed_in.homework({}, extra=tuple(cells)))
+    assert "a.ipynb is too large" in grade(tmp_path / "in")["a.ipynb"].marked.note
+    assert time.monotonic() - begun < 60
+
+
+def test_a_long_line_is_searched_once(tmp_path):
+    handed_in.write(tmp_path / "a.ipynb", only("#" + "check(" * 150_000))
+    assert len(submissions.read(tmp_path / "a.ipynb").until("hw1.euler", {"euler"})) == 9
 
 
 def test_forged_results_are_not_believed(tmp_path):

@@ -102,6 +102,28 @@ def test_an_end_in_an_answer(tmp_path, started, command, number):
     assert not list(tmp_path.glob("cotlearn-*"))
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("words", ["run a.ipynb --inplace", "homework"])
+def test_an_end_of_what_has_children(tmp_path, started, words, number):
+    """A kernel that waits, and otter that waits; what was there before stays as it is."""
+    wait = f"open({str(tmp_path / 'begun')!r}, 'w').close()\nimport time\ntime.sleep(600)"
+    handed_in.write(tmp_path / "a.ipynb", handed_in.homework({}, extra=(wait,)))
+    before = (tmp_path / "a.ipynb").read_bytes()
+    (tmp_path / "otter").mkdir()
+    (tmp_path / "otter" / "__main__.py").write_text(wait.replace("600", "20"))
+    process = started(*words.split())
+    until((tmp_path / "begun").exists)
+    begun = time.monotonic()
+    os.kill(process.pid, number)
+    process.wait(60)
+    assert time.monotonic() - begun < 3
+    text = (tmp_path / "said").read_text()
+    assert process.returncode in (CODES if number == signal.SIGINT else {-number}), text
+    assert "Traceback" not in text
+    assert (tmp_path / "a.ipynb").read_bytes() == before
+    until(lambda: not alive(str(tmp_path)))
+
+
 @pytest.mark.parametrize("words", ["grade in", "check in/hw1.ipynb", "progress", "run 01"])
 @pytest.mark.parametrize("seconds", [0.7, 2, 4])
 def test_an_end_at_any_moment(tmp_path, started, words, seconds):

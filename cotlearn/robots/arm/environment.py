@@ -87,7 +87,7 @@ class Arm(gymnasium.Env[Array, NDArray[np.float32]]):
             TypeError: the state does not hold real numbers.
             ValueError: `options` has another key, or the start is impossible.
         """
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else check_count(seed, "seed", minimum=0))
         state = chosen_start(options, self._state_limits)
         if state is None:
             state = random_start(self.np_random, self.kind)

@@ -131,11 +131,12 @@ def solve(targets: Array, start: Array | None = None) -> Solution:
             start at `REST` rotated towards each target and iterate until the posture is at rest,
             so that the solution depends only on the target.
     """
+    targets = check_array(targets, "targets", (None, 3))
     if start is None:
         q = np.tile(REST, (len(targets), 1))
         q[:, 0] += np.arctan2(targets[:, 1], targets[:, 0])
     else:
-        q = start.copy()
+        q = check_array(start, "start", (len(targets), JOINTS)).copy()
     # of targets farther away than this only the direction counts
     targets = np.clip(targets, LOW - 1.0, HIGH + 1.0)
     error, tilt = np.empty(len(q)), np.empty(len(q))

@@ -12,6 +12,7 @@ from cotlearn.robots.arm.kinematics import LOWER, SPEED, UPPER, solve
 from cotlearn.robots.arm.model import model_of, mujoco
 from cotlearn.robots.arm.modes import mode_of_path
 from cotlearn.robots.task import Array
+from cotlearn.validation import check_array, check_choice, check_seeds
 
 
 def random_start(generator: np.random.Generator, kind: str) -> Array:
@@ -55,7 +56,9 @@ class ArmVectorSim:
     """
 
     def __init__(self, states: Array, kind: str) -> None:
-        self.kind, self._states, self._engine = kind, states.copy(), mujoco()
+        self.kind, self._engine = check_choice(kind, "kind", task.KINDS), mujoco()
+        states = check_array(states, "states", (None, len(task.columns(kind))))
+        self._states = states.copy()
         self.models = [model_of(state) for state in states]  #: (n,), `MjModel`
         self.data = [self._engine.MjData(model) for model in self.models]  #: (n,), `MjData`
         self._site = self.models[0].site("tip").id
@@ -71,7 +74,8 @@ class ArmVectorSim:
     @classmethod
     def from_seeds(cls, seeds: Sequence[int], kind: str = "ring") -> ArmVectorSim:
         """The simulations that `env.reset(seed=...)` would start for these seeds."""
-        starts = [random_start(np.random.default_rng(seed), kind) for seed in seeds]
+        check_choice(kind, "kind", task.KINDS)
+        starts = [random_start(np.random.default_rng(seed), kind) for seed in check_seeds(seeds)]
         return cls(np.array(starts), kind)
 
     def _place(self, name: str, targets: Array) -> None:
@@ -118,6 +122,8 @@ class ArmVectorSim:
                 done stand still, and their actions are ignored.
         """
         rows = np.flatnonzero(~self.done if active is None else ~self.done & active)
+        if not len(rows):
+            return
         found = solve(np.asarray(actions, dtype=np.float64)[rows], self.joints[rows])
         self._lead(rows, found.joints, ~found.reached)
 

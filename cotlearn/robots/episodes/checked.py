@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.robots.task import Array, Task
-from cotlearn.validation import check_count, check_real
+from cotlearn.validation import check_count, check_has, check_real
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ class Episodes:
     task: Task = PUSH_T
 
     def __post_init__(self) -> None:
+        check_has(self.task, "task", "a task, as find_task returns it", "state_limits")
         ends = self._set("ends", "iu", (np.size(self.ends),))
         if len(ends) == 0 or (np.diff(ends, prepend=0) < 1).any():
             raise ValueError(f"{self.name}: ends must rise, and begin above 0, got {ends}")
@@ -71,7 +72,10 @@ class Episodes:
 
     def select(self, index: ArrayLike | Sequence[int]) -> Episodes:
         """The episodes with the numbers `index` (m,), in this order."""
-        chosen = np.asarray(index)
+        try:
+            chosen = np.arange(len(self))[check_real(index, "index", "iub")]
+        except IndexError as error:
+            raise ValueError(f"index must fit the {len(self)} episodes, got {error}") from None
         lengths = self.lengths[chosen]
         ends = np.cumsum(lengths)
         rows = np.repeat(self.starts[chosen] - (ends - lengths), lengths) + np.arange(lengths.sum())
@@ -124,6 +128,7 @@ def split(
     Raises:
         ValueError: held_out or train exceeds the number of episodes.
     """
+    check_has(episodes, "episodes", "Episodes", "select")
     check_count(held_out, "held_out")
     check_count(seed, "seed", minimum=0)
     rest = len(episodes) - held_out

@@ -14,7 +14,7 @@ from cotlearn.robots.push_t.geometry import corners
 from cotlearn.robots.push_t.rasteriser import draw
 from cotlearn.robots.push_t.simulation import Simulation, random_state
 from cotlearn.robots.task import check_numbers, chosen_start
-from cotlearn.validation import check_choice
+from cotlearn.validation import check_choice, check_count
 
 PIXELS = 96  #: width and height of an observed picture
 FRAME = 512  #: width and height of a rendered picture
@@ -85,7 +85,7 @@ class PushT(gymnasium.Env[Any, Any]):
             TypeError: the state does not hold real numbers.
             ValueError: `options` has another key, or the state lies outside the world.
         """
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else check_count(seed, "seed", minimum=0))
         state = chosen_start(options, _STARTS)
         self._world = Simulation(random_state(self.np_random) if state is None else state)
         self._action = None

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from cotlearn.robots.push_t import task
-from cotlearn.validation import check_real
+from cotlearn.validation import check_count, check_matrix, check_real
 
 Colour = tuple[int, int, int]
 
@@ -40,8 +40,10 @@ def rasterise(states: ArrayLike | Tensor, *, size: int = 96) -> Tensor:
     Returns:
         (n, size, size, 3) uint8, on the device of the states.
     """
-    given = states if isinstance(states, Tensor) else check_real(states, "states")
-    values = torch.as_tensor(given).float()
+    values = states if isinstance(states, Tensor) else torch.tensor(check_real(states, "states"))
+    values = values if values.is_complex() else values.float()
+    values = check_matrix(values, "states", columns=5)
+    check_count(size, "size")
     image = torch.empty(len(values), 3, size, size, dtype=torch.uint8, device=values.device)
     rows = max(1, _AT_ONCE // size**2)
     for part, some in zip(image.split(rows), values.split(rows), strict=True):

@@ -2,7 +2,7 @@
 
 The agent is kinematic: a controller pulls it to the action, and nothing stops it. The T loses its
 velocity in every step (`damping` 0), so that it moves only while it is pushed. There is no
-friction. Arguments are not checked here, but in the environment and in `rollout`.
+friction. Actions are not checked here, but in the environment and in `rollout`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cotlearn.robots.push_t import task
 from cotlearn.robots.push_t.geometry import coverage_of_one, nearest_side
 from cotlearn.robots.task import Array
+from cotlearn.validation import check_array, check_seeds
 
 State = tuple[float, float, float, float, float]
 
@@ -51,7 +52,7 @@ class Simulation:
     def __init__(self, state: ArrayLike) -> None:
         import pymunk  # late: the definition of the task is of use without its physics
 
-        agent_x, agent_y, x, y, angle = np.asarray(state, np.float64).tolist()
+        agent_x, agent_y, x, y, angle = check_array(state, "state", (5,)).tolist()
         space = pymunk.Space()
         space.damping = 0.0
         low, high = task.WALLS
@@ -108,14 +109,14 @@ class PushTVectorSim:
     """
 
     def __init__(self, states: ArrayLike) -> None:
-        self._sims = [Simulation(state) for state in np.asarray(states)]
+        self._sims = [Simulation(state) for state in check_array(states, "states", (None, 5))]
         self._best = self.coverage
         self._mode = np.full(len(self._sims), -1.0)
 
     @classmethod
     def from_seeds(cls, seeds: Sequence[int]) -> PushTVectorSim:
         """The simulations that `env.reset(seed=...)` would start for these seeds."""
-        return cls([random_state(np.random.default_rng(seed)) for seed in seeds])
+        return cls([random_state(np.random.default_rng(seed)) for seed in check_seeds(seeds)])
 
     def step(self, actions: ArrayLike, *, active: NDArray[np.bool_] | None = None) -> None:
         """Steps all simulations, or those that are `active`.
