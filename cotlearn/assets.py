@@ -69,7 +69,7 @@ def find_notebook(name: str) -> Path:
         for key, item in available.items():
             if stem == key or (stem.isdigit() and int(stem) == int(key[:2])):
                 return item
-    raise ValueError(_not_found("notebook", name, list(available), wanted=stem))
+    raise ValueError(not_found("notebook", name, list(available), wanted=stem))
 
 
 def find_data(name: str) -> Path:
@@ -92,15 +92,13 @@ def find_data(name: str) -> Path:
     path = (data_folder() / name).resolve()
     listed = next((key for key, file in files.items() if file == path), None)
     if listed is None:
-        raise ValueError(_not_found("data file", name, sorted(files), wanted=name))
+        raise ValueError(not_found("data file", name, sorted(files)))
     expected = sums()
     if not expected and (data_folder() / SUMS).exists():
         raise ValueError(f"data/{SUMS} is empty, so no file can be checked: {remedy(SUMS)}")
     if expected.get(listed) not in (None, _sha256(path)):
-        raise ValueError(
-            f"data/{listed} is damaged: its SHA-256 is not the one in data/{SUMS}; to restore the "
-            f"file: {remedy(listed)}"
-        )
+        why = f"its SHA-256 is not the one in data/{SUMS}"
+        raise ValueError(f"data/{listed} is damaged: {why}; to restore it: {remedy(listed)}")
     return path
 
 
@@ -179,9 +177,17 @@ def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
     return copied, kept
 
 
-def _not_found(kind: str, name: str, available: list[str], *, wanted: str) -> str:
+def not_found(kind: str, name: str, available: list[str], *, wanted: str | None = None) -> str:
+    """The sentence about a name that does not exist: which are close to it, and which there are.
+
+    Args:
+        kind: What the name is of: "notebook", "exercise".
+        name: The name that was given.
+        available: All names.
+        wanted: The part of the name to compare with them; all of it if None.
+    """
     lines = [f"there is no {kind} {name!r}"]
-    near = difflib.get_close_matches(wanted, available, n=3, cutoff=0.5)
+    near = difflib.get_close_matches(wanted or name, available, n=3, cutoff=0.5)
     if near:
         lines.append(f"did you mean: {', '.join(near)}?")
     lines.append(f"available: {', '.join(available)}" if available else "none are installed")

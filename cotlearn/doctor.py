@@ -55,12 +55,10 @@ def check_python() -> Finding:
     """Compares the Python version with the range that the package supports."""
     supported = metadata.metadata("cotlearn")["Requires-Python"]
     version = platform.python_version()
-    return Finding(
-        "Python",
-        f"{version} (supported: {supported}) at {sys.executable}",
-        ok=SpecifierSet(supported).contains(version, prereleases=True),
-        remedy="install Python 3.11, 3.12 or 3.13 from python.org, delete .venv, run make lab",
-    )
+    found = f"{version} (supported: {supported}) at {sys.executable}"
+    fits = SpecifierSet(supported).contains(version, prereleases=True)
+    remedy = "install Python 3.11, 3.12 or 3.13 from python.org, delete .venv, run make lab"
+    return Finding("Python", found, ok=fits, remedy=remedy)
 
 
 def check_packages() -> list[Finding]:
@@ -80,15 +78,11 @@ def check_packages() -> list[Finding]:
         what = f'"{wanted.name}{wanted.specifier}"'
         if root is not None:
             what = f'-e "{root}[dev]" -c "{root / "constraints.txt"}"'
-        findings.append(
-            Finding(
-                wanted.name,
-                f"{version} (supported: {wanted.specifier})",
-                ok=version != "missing" and wanted.specifier.contains(version, prereleases=True),
-                required=root is not None or marker is None or marker.evaluate({"extra": ""}),
-                remedy=f'"{sys.executable}" -m pip install {what}',
-            )
-        )
+        found = f"{version} (supported: {wanted.specifier})"
+        fits = version != "missing" and wanted.specifier.contains(version, prereleases=True)
+        required = root is not None or marker is None or marker.evaluate({"extra": ""})
+        remedy = f'"{sys.executable}" -m pip install {what}'
+        findings.append(Finding(wanted.name, found, ok=fits, required=required, remedy=remedy))
     return findings
 
 
@@ -113,12 +107,8 @@ def check_matplotlib() -> Finding:
         figure.savefig(io.BytesIO())
     except Exception as error:
         found = f"cannot draw: {type(error).__name__}: {error}"
-    return Finding(
-        "figures",
-        found,
-        ok=found == "matplotlib draws",
-        remedy=f'"{sys.executable}" -m pip install --force-reinstall matplotlib',
-    )
+    remedy = f'"{sys.executable}" -m pip install --force-reinstall matplotlib'
+    return Finding("figures", found, ok=found == "matplotlib draws", remedy=remedy)
 
 
 def check_mujoco() -> Finding:
@@ -129,13 +119,9 @@ def check_mujoco() -> Finding:
         how = backend()
     except ImportError:
         how = "nothing"
-    return Finding(
-        "MuJoCo images",
-        f"drawn by {how}",
-        ok=how not in {"matplotlib", "nothing"},
-        required=False,
-        remedy="sudo apt-get install libegl1 libgl1-mesa-dri",
-    )
+    remedy = "sudo apt-get install libegl1 libgl1-mesa-dri"
+    fast = how not in {"matplotlib", "nothing"}
+    return Finding("MuJoCo images", f"drawn by {how}", ok=fast, required=False, remedy=remedy)
 
 
 def check_notebooks() -> Finding:
@@ -149,12 +135,9 @@ def check_data() -> Finding:
     """Compares the data files of the course with their SHA-256 sums."""
     expected, measured = assets.sums() or {assets.SUMS: ""}, assets.measured_sums()
     broken = [name for name, digest in expected.items() if measured.get(name) != digest]
-    return Finding(
-        "data files",
-        f"missing or damaged: {', '.join(broken)}" if broken else f"{len(expected)} whole",
-        ok=not broken,
-        remedy=" && ".join(assets.remedy(name) for name in broken),
-    )
+    found = f"missing or damaged: {', '.join(broken)}" if broken else f"{len(expected)} whole"
+    remedy = " && ".join(assets.remedy(name) for name in broken)
+    return Finding("data files", found, ok=not broken, remedy=remedy)
 
 
 def check_disk() -> Finding:

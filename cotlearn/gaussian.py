@@ -73,9 +73,8 @@ class LinearGaussian:
     def sample(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw n pairs (x1, c) of shapes (n, d) and (n, k)."""
         validation.check_has(rng, "rng", "a numpy.random.Generator", "multivariate_normal")
-        c = rng.multivariate_normal(
-            np.zeros(len(self.S_c)), self.S_c, size=validation.check_count(n, "n")
-        )
+        validation.check_count(n, "n")
+        c = rng.multivariate_normal(np.zeros(len(self.S_c)), self.S_c, size=n)
         noise = rng.multivariate_normal(np.zeros(len(self.S)), self.S, size=n)
         return c @ self.A.T + self.b + noise, c
 

@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+Shape = tuple[int | EllipsisType | None, ...]
 #: What couplings say of images.
 IMAGES = "; images[pairs.target_index] are the images of the pairs"
 
@@ -80,10 +81,9 @@ def check_condition(value: Any, name: str = "c", *, columns: int | None = None) 
     if isinstance(value, Tensor) and not value.is_floating_point() and not value.is_complex():
         value = value.to(torch.get_default_dtype())
     if isinstance(value, Tensor) and value.ndim == 1:
-        raise ValueError(
-            f"{name} must have shape (rows, columns), got {tuple(value.shape)}; "
-            "for class labels use torch.nn.functional.one_hot, for one number per row c[:, None]"
-        )
+        hint = "for class labels use torch.nn.functional.one_hot, for one number per row c[:, None]"
+        got = tuple(value.shape)
+        raise ValueError(f"{name} must have shape (rows, columns), got {got}; {hint}")
     return check_matrix(value, name, columns=columns)
 
 
@@ -92,10 +92,8 @@ def check_same_rows(first: Tensor, first_name: str, second: Tensor, second_name:
     if not isinstance(second, Tensor) or not second.ndim:  # the first is checked already
         raise TypeError(f"{second_name} must be a torch tensor with rows, got {second!r}")
     if len(first) != len(second):
-        raise ValueError(
-            f"{first_name} has {len(first)} rows, {second_name} has {len(second)}: "
-            "they must have the same number"
-        )
+        rows = f"{first_name} has {len(first)} rows, {second_name} has {len(second)}"
+        raise ValueError(f"{rows}: they must have the same number")
 
 
 def check_inputs(network: Any, x: Any, c: Any, name: str = "x") -> Any:
@@ -177,9 +175,7 @@ def check_without_gradient(value: Tensor, name: str) -> Tensor:
     return value
 
 
-def check_array(
-    value: Any, name: str, shape: tuple[int | EllipsisType | None, ...]
-) -> NDArray[np.float64]:
+def check_array(value: Any, name: str, shape: Shape) -> NDArray[np.float64]:
     """Return finite real numbers as a float64 array of this shape.
 
     None allows any size above 0; ... at the beginning allows any axes, which may be empty.

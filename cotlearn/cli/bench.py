@@ -15,24 +15,16 @@ from cotlearn.cli.terminal import console, reported
 def bench(
     name: policies.Name,
     options: dict[str, Any],
-    methods: Annotated[
-        str | None, typer.Option(help="Names, separated by commas; default: all.")
-    ] = None,
+    methods: Annotated[str | None, typer.Option(help="Names with commas; default: all.")] = None,
     seeds: Annotated[str, typer.Option(help="Numbers, separated by commas.")] = "0,1,2",
     episodes: Annotated[int, typer.Option(min=2, help="Paired rollouts of each policy.")] = 200,
-    train_episodes: Annotated[
-        int | None, typer.Option(min=1, help="Demonstrations to train on; default: all.")
-    ] = None,
-    held_out: Annotated[
-        int | None, typer.Option(min=1, help="Demonstrations kept for the energy score.")
-    ] = None,
+    train_episodes: Annotated[int | None, typer.Option(min=1, help="Most to train on.")] = None,
+    held_out: Annotated[int | None, typer.Option(min=1, help="Kept for the energy score.")] = None,
     data: policies.Data = None,
     folder: Annotated[Path | None, typer.Option(help="Folder of the cells.")] = None,
     weights: Annotated[Path | None, typer.Option(help="Folder of the policies.")] = None,
     summary: Annotated[Path | None, typer.Option(help="Summary of all cells, a file.")] = None,
-    latency: Annotated[
-        bool, typer.Option("--latency", help="Only remeasure the latency of finished cells.")
-    ] = False,
+    latency: Annotated[bool, typer.Option("--latency", help="Only remeasure it.")] = False,
 ) -> None:
     """Compares policies for a task: trains and rolls out all cells that are missing.
 
@@ -57,14 +49,13 @@ def bench(
         if latency:
             measure_latency(folder, weights=weights, say=say)
         else:
+            held_out = held_out or setting.held_out
             fill(
                 demonstrations,
                 folder=folder,
                 methods=[m.strip() for m in methods.split(",")] if methods else setting.methods,
                 seeds=policies.numbers(seeds, "seeds"),
-                protocol=Protocol(
-                    setting.options, train_episodes, held_out or setting.held_out, episodes
-                ),
+                protocol=Protocol(setting.options, train_episodes, held_out, episodes),
                 weights=weights,
                 say=say,
             )

@@ -30,8 +30,7 @@ app = typer.Typer()
 def lab(
     context: typer.Context,
     to: Annotated[
-        Path,
-        typer.Option(help="Folder to which an installed package copies the notebooks."),
+        Path, typer.Option(help="Folder to which an installed package copies the notebooks.")
     ] = Path("cotlearn-course"),
 ) -> None:
     """Opens the course in JupyterLab; other options, such as --port, go to JupyterLab."""
@@ -72,12 +71,8 @@ def run(
         list[str] | None,
         typer.Argument(help="Numbers (00), names (00_start_here) or paths; default: all."),
     ] = None,
-    inplace: Annotated[
-        bool, typer.Option("--inplace", help="Store the outputs in the notebook.")
-    ] = False,
-    html: Annotated[
-        Path | None, typer.Option(help="Write HTML pages and an index to this folder.")
-    ] = None,
+    inplace: Annotated[bool, typer.Option("--inplace", help="Store the outputs.")] = False,
+    html: Annotated[Path | None, typer.Option(help="Folder of HTML pages to write.")] = None,
     timeout: Annotated[int, typer.Option(min=1, help="Time limit per cell, in seconds.")] = 300,
 ) -> None:
     """Executes notebooks without a browser and reports how long each took."""
@@ -88,9 +83,7 @@ def run(
         paths = [assets.find_notebook(name) for name in notebook or []]
         paths = paths or [*assets.notebooks(), *assets.extras()]
         if not paths:
-            raise ValueError(
-                f"there are no notebooks in {assets.course_folder()}; get the course again"
-            )
+            raise ValueError(f"no notebooks in {assets.course_folder()}; get the course again")
         if html is not None:
             check_output(html / "index.html", "html")
         for path in paths if inplace else []:
@@ -108,9 +101,8 @@ def run(
     failed = sum(bool(item.error) for item in runs)
     if len(runs) > 1:
         seconds, claims = sum(item.seconds for item in runs), sum(item.claims for item in runs)
-        console.print(
-            f"{len(runs)} notebooks, {seconds:.1f} s, {claims} claims passed, {failed} failed"
-        )
+        found = f"{len(runs)} notebooks, {seconds:.1f} s, {claims} claims passed, {failed} failed"
+        console.print(found)
     if index is not None:
         console.print(f"to read: {escape(str(index))}")
     raise typer.Exit(1 if failed else 0)
@@ -144,8 +136,6 @@ def doctor() -> None:
         console.print(f"\n[bold]{escape(finding.name)}[/] ({kind}): fix it with")
         console.print(f"    {escape(finding.remedy)}")
     broken = any(finding.required for finding in missing)
-    end = (
-        "Something that the course needs is missing." if broken else "The course has all it needs."
-    )
-    console.print(f"\n{end}")
+    missing_or_not = "lacks something that it" if broken else "has all it"
+    console.print(f"\nThe course {missing_or_not} needs.")
     raise typer.Exit(1 if broken else 0)

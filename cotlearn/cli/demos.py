@@ -11,17 +11,10 @@ from cotlearn.cli.terminal import console, reported
 
 
 def demos(
-    task: Annotated[
-        str,
-        typer.Argument(
-            help="A task; or push-t-pixels: the course's demonstrations of push-t as pictures."
-        ),
-    ],
+    task: Annotated[str, typer.Argument(help="A task; or push-t-pixels, push-t as pictures.")],
     episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 4000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of starts, choices and noise.")] = 0,
-    out: Annotated[
-        Path | None, typer.Option(help="The file to write; default: push_t_demos.npz and so on.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Default: push_t_demos.npz and so on.")] = None,
     size: Annotated[int, typer.Option(min=1, max=1024, help="Width of the pictures.")] = 96,
 ) -> None:
     """Records a task's planned demonstrator; an interrupted recording resumes.

@@ -20,20 +20,14 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 _Seconds = Annotated[float, typer.Option(min=1, help="Computing time per question, in s.")]
-_Gigabytes = Annotated[
-    float, typer.Option(min=0.1, help="Memory per question in GB (only on Linux).")
-]
-_Masters = Annotated[
-    Path | None, typer.Option(help="Folder of the master notebooks; default: the course's.")
-]
+_Gigabytes = Annotated[float, typer.Option(min=0.1, help="GB per question (only on Linux).")]
+_Masters = Annotated[Path | None, typer.Option(help="Folder of masters; default: the course's.")]
 _SIGNS = {"correct": "[green]✓[/]", "not yet": "[red]✗[/]", "not attempted yet": "·"}
 
 
 @app.command()
 def check(
-    notebook: Annotated[
-        list[str], typer.Argument(help="Notebooks: files, or numbers (01) in the course.")
-    ],
+    notebook: Annotated[list[str], typer.Argument(help="Files, or numbers (01) in the course.")],
     seconds: _Seconds = 60,
     gigabytes: _Gigabytes = 4,
 ) -> None:
@@ -77,9 +71,7 @@ def show_progress() -> None:
         names = [path.name[:2] for path in assets.notebooks()] + [path.stem for path in masters()]
         found = [find(name) for name in names]
         if not found:
-            raise ValueError(
-                f"there are no notebooks in {assets.course_folder()}; get the course again"
-            )
+            raise ValueError(f"no notebooks in {assets.course_folder()}; get the course again")
     known = {name: item["verdict"] for name, item in progress.read().items()}
     table, left = Table(box=None, show_header=False, pad_edge=False), []
     for assignment in found:
@@ -99,9 +91,7 @@ def grade(
     folder: Annotated[Path, typer.Argument(help="The folder of the notebooks to grade.")],
     out: Annotated[Path, typer.Option(help="The table to write.")] = Path("grades.csv"),
     masters: _Masters = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Notebooks in parallel; default: one per core.")
-    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Default: one per core.")] = None,
     seconds: _Seconds = 60,
     gigabytes: _Gigabytes = 4,
 ) -> None:
@@ -121,10 +111,8 @@ def grade(
             folder, out, masters=masters, workers=workers, limits=limits, each=_print_row
         )
     unread = [row for row in rows if not row.marked.marks]
-    console.print(
-        f"{len(rows)} files, {sum(row.kept for row in rows)} of them known from before, "
-        f"{len(unread)} could not be graded"
-    )
+    known = sum(row.kept for row in rows)
+    console.print(f"{len(rows)} files: {known} known from before, {len(unread)} not gradable")
     console.print(f"table: {escape(str(out))}; feedback: {escape(str(out.with_suffix('')))}")
 
 
@@ -141,9 +129,7 @@ def homework(
         str | None,
         typer.Option(envvar="SECRET_SEED", help="Any text; gives you hidden tests of your own."),
     ] = None,
-    requirements: Annotated[
-        Path | None, typer.Option(help="Requirements file for otter's container.")
-    ] = None,
+    requirements: Annotated[Path | None, typer.Option(help="Of otter's container.")] = None,
     masters: _Masters = None,
 ) -> None:
     """Makes student and autograder versions of the homework with otter-grader, and tests them."""
@@ -169,8 +155,5 @@ def _limits(seconds: float, gigabytes: float) -> Limits:
     check_number(seconds, "seconds", minimum=1)
     check_number(gigabytes, "gigabytes", minimum=0.1)
     if not has_memory_limit():
-        console.print(
-            "note: this system has no memory limit for a process; an answer that fills the memory "
-            "can slow the machine down"
-        )
+        console.print("note: this system cannot limit the memory that an answer takes")
     return Limits(seconds, gigabytes)

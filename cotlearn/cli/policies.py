@@ -22,8 +22,7 @@ Name = Annotated[str, typer.Argument(help="A task; its options are the course's.
 Data = Annotated[
     Path | None,
     typer.Option(
-        help="Demonstrations: .npz, Diffusion Policy's .zarr, or a LeRobot folder. "
-        "Default: the course's."
+        help="An .npz, Diffusion Policy's .zarr or LeRobot folder; default: the course's."
     ),
 ]
 #: Fields of `policies.training.Options` that a command can change.
@@ -31,15 +30,11 @@ OPTIONS = {
     "steps": Annotated[int | None, typer.Option(min=1, help="Gradient steps.")],
     "batch_size": Annotated[int | None, typer.Option(min=1, help="Rows of a gradient step.")],
     "clusters": Annotated[int | None, typer.Option(min=1, help="Clusters of stratified OT.")],
-    "condition_weight": Annotated[
-        float | None, typer.Option(min=0, help="Of COT; default: chosen by the frontier.")
-    ],
+    "condition_weight": Annotated[float | None, typer.Option(min=0, help="Default: by frontier.")],
     "frame": Annotated[str | None, typer.Option(help="Frame of states and actions.")],
     "label": Annotated[str | None, typer.Option(help="Label: intention or action.")],
     "network": Annotated[str | None, typer.Option(help="Network: mlp or unet.")],
-    "prediction": Annotated[
-        str | None, typer.Option(help="What it predicts: noise, data or velocity.")
-    ],
+    "prediction": Annotated[str | None, typer.Option(help="Of noise, data or velocity.")],
 }
 
 
@@ -104,10 +99,8 @@ def setting(name: str, options: dict[str, Any], data: Path | None) -> tuple[Sett
     torch.set_num_threads(1)
     found = SETTINGS[check_choice(name, "task", tuple(SETTINGS))]
     if data is None and not found.shipped:
-        raise ValueError(
-            f"{name} needs --data: these demonstrations do not come with the course; "
-            "docs/how_to/use_human_demonstrations.md says where they are"
-        )
+        where = "docs/how_to/use_human_demonstrations.md says where they are"
+        raise ValueError(f"{name} needs --data, which does not come with the course; {where}")
     found = replace(found, options=replace(found.options, **options))
     return found, read(data or assets.find_data(find_task(found.task).demonstrations))
 
@@ -117,6 +110,4 @@ def numbers(text: str, name: str) -> list[int]:
     try:
         return [int(part) for part in text.split(",")]
     except ValueError:
-        raise ValueError(
-            f"{name} must be whole numbers with commas between, got {text!r}"
-        ) from None
+        raise ValueError(f"{name} must be integers with commas between, got {text!r}") from None

@@ -12,16 +12,9 @@ from cotlearn.cli.terminal import console, reported
 
 
 def report(
-    data: Annotated[
-        Path,
-        typer.Argument(
-            help="An .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr."
-        ),
-    ],
+    data: Annotated[Path, typer.Argument(help="An .npz with x1 and c, .zarr or LeRobot folder.")],
     out: Annotated[Path, typer.Option(help="The page to write.")] = Path("report.html"),
-    model: Annotated[
-        Path | None, typer.Option(help="The model to write; default: OUT with .safetensors.")
-    ] = None,
+    model: Annotated[Path | None, typer.Option(help="Default: OUT with .safetensors.")] = None,
     steps: Annotated[int, typer.Option(min=1, help="Gradient steps of each training.")] = 2000,
     observe: Annotated[int, typer.Option(min=1, help="States in c, for recorded episodes.")] = 2,
     predict: Annotated[int, typer.Option(min=1, help="Actions in x1, for recorded episodes.")] = 16,

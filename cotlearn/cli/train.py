@@ -17,13 +17,9 @@ def train(
     options: dict[str, Any],
     coupling: Annotated[str, typer.Option(help="A method, see below.")] = "stratified",
     seed: Annotated[int, typer.Option(min=0, help="Seed of weights, pairs and times.")] = 0,
-    episodes: Annotated[
-        int | None, typer.Option(min=1, help="Demonstrations to train on; default: all.")
-    ] = None,
+    episodes: Annotated[int | None, typer.Option(min=1, help="Most demonstrations.")] = None,
     data: policies.Data = None,
-    out: Annotated[
-        Path | None, typer.Option(help="The file to write; default: NAME.safetensors.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Default: NAME.safetensors.")] = None,
     rollouts: Annotated[int, typer.Option(min=0, help="Test episodes for each sampler.")] = 50,
 ) -> None:
     """Trains a policy for a task, saves it and tests it in rollouts; resumes if interrupted."""
@@ -50,10 +46,8 @@ def train(
         trained.policy.save(out)
         for file in trained.checkpoints:
             file.unlink()
-    console.print(
-        f"{escape(str(out))}: {trained.parameters} weights, {len(chosen)} episodes, "
-        f"{trained.seconds:.0f} s"
-    )
+    facts = f"{trained.parameters} weights, {len(chosen)} episodes, {trained.seconds:.0f} s"
+    console.print(f"{escape(str(out))}: {facts}")
     if rollouts:
         derived = [*chosen.task.capped, *chosen.task.thresholds]
         names = [chosen.task.score, *(name for name in derived if not name.endswith("_200"))]

@@ -65,10 +65,8 @@ class ModelAligned(Coupling):
         validation.check_count(self.warmup_steps, "warmup_steps", minimum=0)
         for value in validation.check_array(self.regularization, "regularization", (2,)):
             validation.check_positive(value, "regularization")
-        if (
-            validation.check_number(self.condition_weight, "condition_weight")
-            and self.variant != "full"
-        ):
+        weight = validation.check_number(self.condition_weight, "condition_weight")
+        if weight and self.variant != "full":
             raise ValueError("condition_weight is for variant 'full': the others pair i with i")
         self.needs_condition = self.condition_weight > 0
         self._network: Any = None

@@ -318,9 +318,8 @@ def draw_noise(x1: Tensor, source: Source | None, generator: torch.Generator) ->
     """Draw noise with the shape of x1 (n, d), standard normal unless a source is given."""
     if source is None:
         return torch.randn(x1.shape, dtype=x1.dtype, generator=generator)
-    return validation.check_shape(
-        source(len(x1), generator=generator), "source(n)", tuple(x1.shape)
-    )
+    drawn = source(len(x1), generator=generator)
+    return validation.check_shape(drawn, "source(n)", tuple(x1.shape))
 
 
 def generator_for(seed: int, number: int, purpose: int = 0) -> torch.Generator:

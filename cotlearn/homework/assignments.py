@@ -88,7 +88,7 @@ def find(name: str, folder: Path | None = None) -> Assignment:
     known = {path.stem: path for path in masters(folder)}
     known |= {path.name[:2]: path for path in assets.notebooks()}
     if name not in known:
-        raise ValueError(f"there is no assignment {name!r}; there are: {', '.join(sorted(known))}")
+        raise ValueError(assets.not_found("assignment", name, sorted(known)))
     return read(known[name], name)
 
 

@@ -220,16 +220,12 @@ def _marked(
         content = path.read_bytes()
         if (found := known.read(file, content)) is not None:
             return found, True
-    except (ValueError, OSError) as error:
-        return Marked(note=printable(str(error))), False
-    try:
         marked = mark(path, hidden=True, masters=masters, limits=limits, alone=alone)
     except isolation.Disturbed:
         raise
-    except ValueError as error:
-        marked = Marked(note=printable(str(error)))
-    except Exception as error:  # not the student's: said, and tried again the next time
-        return Marked(note=printable(f"{type(error).__name__}: {error}")), False
+    except Exception as error:
+        kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
+        return Marked(note=printable(f"{kind}{error}")), False
     if all(item.sure for item in marked.marks):
         known.write(file, content, marked)
     return marked, False

@@ -93,10 +93,8 @@ def mark(
     """
     submission = submissions.read(path)
     if submission.assignment is None:
-        raise ValueError(
-            f"{path.name} belongs to no assignment: no cell of it calls check(...), and its name "
-            "says nothing like hw1; start from a fresh copy of the assignment"
-        )
+        why = "no cell calls check(...), and its name says nothing like hw1; take a fresh copy"
+        raise ValueError(f"{path.name} belongs to no assignment: {why}")
     assignment = find(submission.assignment, masters)
     marks = []
     for question in assignment.questions:
@@ -160,14 +158,10 @@ def _missing(submission: Submission, question: Question, name: str) -> str:
             return f"cell {cell.number} is not Python that can be read: {cell.error}"
     for cell in submission.cells:
         if cell.question == question.name and cell.binds:
-            return (
-                f"the answer must be called {name}, and your cell defines "
-                f"{' and '.join(sorted(cell.binds))}: give it its name back"
-            )
-    return (
-        f"there is no {name} in this notebook: its cell was deleted, emptied or renamed; take it "
-        "again from a fresh copy"
-    )
+            words = f"the answer must be called {name}, and your cell defines"
+            return f"{words} {' and '.join(sorted(cell.binds))}: give it its name back"
+    words = f"there is no {name} in this notebook: its cell was deleted, emptied or renamed"
+    return f"{words}; take it again from a fresh copy"
 
 
 def _note(submission: Submission) -> str:

@@ -4,7 +4,6 @@
 `require` raises an AssertionError with the sentence in a hidden test.
 """
 
-import difflib
 import enum
 import functools
 import importlib
@@ -18,6 +17,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+from cotlearn import assets
 from cotlearn.homework import checks, progress
 
 #: Seconds that a learner's answer may take before the check stops it; inf: no limit.
@@ -187,9 +187,7 @@ def _find(name: str) -> _Check:
         raise TypeError(f'name must be a string such as "01.interpolate", got {name!r}')
     available = exercises()
     if name not in available:
-        near = difflib.get_close_matches(name, available, n=3, cutoff=0.5)
-        found = f"did you mean {' or '.join(near)}?" if near else f"there are: {available}"
-        raise ValueError(f"there is no exercise {name!r}; {found}")
+        raise ValueError(assets.not_found("exercise", name, available))
     return _registry[name]
 
 
@@ -219,10 +217,8 @@ def _watched(function: Any) -> Callable[..., Any]:
 
 def too_long(seconds: float) -> str:
     """The sentence about an answer that ran too long."""
-    return (
-        f"your answer ran for longer than {seconds:g} seconds and was stopped; is there a loop "
-        "that never ends?"
-    )
+    words = f"your answer ran for longer than {seconds:g} seconds and was stopped"
+    return f"{words}; is there a loop that never ends?"
 
 
 def said(error: BaseException) -> str:

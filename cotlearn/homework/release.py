@@ -55,9 +55,7 @@ def make(
         ValueError: Otter failed, a solution does not pass, or a stub does not fail.
     """
     if importlib.util.find_spec("otter") is None:
-        raise ModuleNotFoundError(
-            "otter-grader is not installed; install it with: pip install 'cotlearn[instructor]'"
-        )
+        raise ModuleNotFoundError("otter-grader is missing: pip install 'cotlearn[instructor]'")
     paths = assignments.masters(masters)
     if not paths:
         raise ValueError(f"there is no master notebook (hw1.ipynb, ...) in {masters}")
@@ -182,10 +180,8 @@ def _try(name: str, out: Path, solutions: Path, say: Callable[[str], None]) -> N
         wrong.append(f"otter gives the unchanged stubs {by_otter:g} points")
     if wrong or not right.out_of:
         raise ValueError(f"{name}: " + ("; ".join(wrong) or "no hidden test has points"))
-    say(
-        f"{name}: the solutions get {right.points:g} of {right.out_of:g} points, the unchanged "
-        f"stubs {stubs.points:g}, by otter and by cotlearn grade"
-    )
+    points = f"the solutions get {right.points:g} of {right.out_of:g} points"
+    say(f"{name}: {points}, the unchanged stubs 0, by otter and by cotlearn grade")
 
 
 def _write(path: Path, notebook: Any) -> None:

@@ -157,10 +157,8 @@ def _taken_apart(path: Path, notebook: Any) -> Submission:
     kernel, info = (notebook.metadata.get(key, {}) for key in ("kernelspec", "language_info"))
     language = str(kernel.get("language") or info.get("name") or "python").lower()
     if language != "python":
-        raise ValueError(
-            f"{path.name} runs with a kernel for {language}; choose the kernel Python 3 "
-            "(menu Kernel, Change Kernel), run it again and save it"
-        )
+        remedy = "choose the kernel Python 3 (menu Kernel, Change Kernel), run it again and save it"
+        raise ValueError(f"{path.name} runs with a kernel for {language}; {remedy}")
     code = sum(len(cell.source) for cell in notebook.cells if cell.cell_type == "code")
     if code > MOST_CODE or len(notebook.cells) > MOST_CELLS:
         sizes = f"{code:,} characters of code in {len(notebook.cells):,} cells"

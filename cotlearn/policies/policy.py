@@ -63,9 +63,8 @@ class ChunkPolicy:
                 raise ValueError(f"network has {name} {got}, but these windows need {expected}")
         check_execute(self.execute, self.windows.predict)
         validation.check_number(self.temperature, "temperature")
-        validation.check_has(
-            self.sampler, "sampler", "a sampler such as FlowSampler()", "draws", "nfe"
-        )
+        wanted = "a sampler such as FlowSampler()"
+        validation.check_has(self.sampler, "sampler", wanted, "draws", "nfe")
         self.network.eval()
 
     def with_sampler(self, sampler: Sampler) -> ChunkPolicy:

@@ -30,7 +30,7 @@ def test_what_several_commands_say(capsys):
     assert "mujoco is not installed; install it with: pip install 'cotlearn[course]'" in (
         capsys.readouterr().err
     )
-    with pytest.raises(ValueError, match="seeds must be whole numbers with commas between"):
+    with pytest.raises(ValueError, match="seeds must be integers with commas between"):
         cli.policies.numbers("1,two", "seeds")
 
 

@@ -80,7 +80,7 @@ def test_an_endless_loop_is_stopped(monkeypatch, capsys):
 
 
 def test_names():
-    with pytest.raises(ValueError, match=r"no exercise '99\.doubel'; did you mean 99\.double"):
+    with pytest.raises(ValueError, match=r"no exercise '99\.doubel'; did you mean: 99\.double"):
         check(None, "99.doubel")
     with pytest.raises(ValueError, match="no exercise 'interpolate'"):
         check(None, "interpolate")

@@ -57,7 +57,7 @@ def test_grade(tmp_path):
     (work / "bad.ipynb").write_text("{")
     code, text = run("grade", work, "--out", tmp_path / "grades.csv")
     assert code == 0
-    assert "1 files, 0 of them known from before, 1 could not be graded" in text
+    assert "1 files: 0 known from before, 1 not gradable" in text
     assert (tmp_path / "grades.csv").exists()
 
 
@@ -66,7 +66,7 @@ def test_a_course_without_notebooks(tmp_path, monkeypatch):
     for command in ("progress", "run"):
         code, text = run(command)
         assert code == 2
-        assert "there are no notebooks in" in text
+        assert "no notebooks in" in text
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "a.ipynb").write_text("{")
     code, text = run("grade", tmp_path / "in", "--out", tmp_path / "grades.csv")

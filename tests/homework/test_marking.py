@@ -112,7 +112,7 @@ def test_a_notebook_without_stamp_and_checks(tmp_path):
 def test_an_unknown_assignment(tmp_path):
     notebook = handed_in.homework(handed_in.answers())
     notebook.metadata["cotlearn"]["assignment"] = "hw9"
-    with pytest.raises(ValueError, match="there is no assignment 'hw9'; there are: 00, 01"):
+    with pytest.raises(ValueError, match="there is no assignment 'hw9'; did you mean: hw4"):
         marked(tmp_path, notebook)
 
 

@@ -84,6 +84,7 @@ def exact_velocity(g: Generator) -> Cases:
         mean = functools.partial(_velocity, *given)
         posterior, each = _mixture(*given)
         one_square, no_square = (1 - t) ** 2 + t * s**2, (1 - t) + t * s
+        middle = (posterior * means).sum(1)
         wrong = {
             "components count by their probability given x, not alike": each.mean(1),
             "at time t component k lies around t m_k, not around m_k": mean(centre=1.0),
@@ -91,9 +92,7 @@ def exact_velocity(g: Generator) -> Cases:
             "variances add with squared factors: (1 - t)² + t² s²": mean(variance=no_square),
             "a Gaussian's exponent is -|x - m|² / (2 variance): the 2 is missing": mean(two=1.0),
             "Cov(x1 - x0, x_t) is t s² - (1 - t): the noise enters with a minus": mean(sign=1.0),
-            "that is the mean of the m_k; add Cov / Var times (x - t m_k)": (posterior * means).sum(
-                1
-            ),
+            "that is the mean of the m_k; add Cov / Var times (x - t m_k)": middle,
             "every component counts, not the nearest": each[rows, posterior[:, :, 0].argmax(1)],
         }
         hint = f"at t = {t} it is not E[x1 - x0 | x_t = x]"
@@ -140,23 +139,16 @@ def _steps(
 
 
 def _mixture(
-    t: float,
-    x: Tensor,
-    means: Tensor,
-    s: float,
-    *,
-    centre: float | None = None,
-    variance: float | None = None,
-    two: float = 2.0,
-    sign: float = -1.0,
+    t: float, x: Tensor, means: Tensor, s: float, **mistake: float
 ) -> tuple[Tensor, Tensor]:
     """The components' posterior (n, k, 1), and E[x1 - x0 | x_t, component] (n, k, d).
 
-    The options reproduce typical mistakes.
+    Typical mistakes: another `centre` of the components, `variance`, factor `two` or `sign`.
     """
     x, means = x.double(), means.double()
-    var = (1 - t) ** 2 + t**2 * s**2 if variance is None else variance
-    away = x[:, None] - (t if centre is None else centre) * means
+    var = mistake.get("variance", (1 - t) ** 2 + t**2 * s**2)
+    two, sign = mistake.get("two", 2.0), mistake.get("sign", -1.0)
+    away = x[:, None] - mistake.get("centre", t) * means
     posterior = torch.softmax(-away.square().sum(2, keepdim=True) / (two * var), dim=1)
     return posterior, means + (t * s**2 + sign * (1 - t)) / var * away
 
