@@ -62,7 +62,10 @@ def work(job: Job, folder: str, limits: Limits, channel: Connection, life: Conne
         _fork(folder, limits, channel, life)
     else:
         threading.Thread(target=_outlive_nobody, args=(life,), daemon=True).start()
-    _prepare(folder)
+    try:
+        _prepare(folder)
+    except FileNotFoundError:  # a neighbour deleted it; the parent tries again
+        os._exit(1)
     namespace: dict[str, Any] = {"__name__": "__main__"}
     with contextlib.suppress(Exception):
         exec(compile(job.setup, "<setup>", "exec"), namespace)

@@ -112,7 +112,10 @@ def run(job: Job, limits: Limits) -> tuple[list[Any], str | None]:
         process.start()
         theirs.close()
         watched.close()
-        return _listen(ours, life, process, limits, tests)
+        found = _listen(ours, life, process, limits, tests)
+        if not Path(folder).is_dir():
+            raise Disturbed("the folder of this answer was deleted, perhaps by another answer")
+        return found
     except (OSError, EOFError) as error:  # the server is gone
         raise Disturbed(f"the process for an answer did not start: {error}") from error
     finally:

@@ -4,6 +4,7 @@ import ast
 import re
 
 import matplotlib as mpl
+import pytest
 
 from cotlearn.homework import Verdict, check
 
@@ -50,22 +51,19 @@ def said(cells, source, checking, capsys):
     return capsys.readouterr().out.splitlines()[-1]
 
 
-def test_solutions_are_correct(cells, extra, capsys):
-    for _, checking, solution in exercises(cells):
+@pytest.mark.parametrize(
+    ("which", "verdict", "words"),
+    [(2, Verdict.CORRECT, "✓ correct"), (0, Verdict.NOT_ATTEMPTED, "not attempted yet")],
+    ids=["solution", "stub"],
+)
+def test_what_is_said_of(cells, extra, capsys, which, verdict, words):
+    for exercise in exercises(cells):
+        source, checking = exercise[which], exercise[1]
         if extra:
-            assert said(cells, solution, checking, capsys) == "✓ correct"
+            assert said(cells, source, checking, capsys) == words
             continue
-        found = verdicts(solution, checking)
-        assert set(found) == {Verdict.CORRECT}, f"{checking}: {capsys.readouterr().out}"
-
-
-def test_stubs_are_not_attempted(cells, extra, capsys):
-    for stub, checking, _ in exercises(cells):
-        if extra:
-            assert said(cells, stub, checking, capsys) == "not attempted yet"
-            continue
-        found = verdicts(stub, checking)
-        assert set(found) == {Verdict.NOT_ATTEMPTED}, f"{checking}: {capsys.readouterr().out}"
+        found = verdicts(source, checking)
+        assert set(found) == {verdict}, f"{checking}: {capsys.readouterr().out}"
 
 
 def test_each_check_belongs_to_its_notebook(cells, path, extra):

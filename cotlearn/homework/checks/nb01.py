@@ -59,9 +59,10 @@ def midpoint() -> Cases:
     nfe = 8
     x0 = torch.tensor([[0.3, -0.7], [1.1, 0.2], [-0.4, 0.9]])
     walk = functools.partial(_midpoint, x0, nfe // 2)
+    bought = _midpoint(x0, nfe)
     heun = integrate(lambda t, x, c: field_at(t, x), x0, nfe=nfe, method="heun").x1
     wrong = {
-        f"that is {2 * nfe} evaluations; a step needs two: nfe / 2 steps": _midpoint(x0, nfe),
+        f"nfe={nfe} bought {2 * nfe} evaluations; a step needs two: take nfe / 2 steps": bought,
         "this is Euler: evaluate again after half a step": _midpoint(x0, nfe, trial=0, late=0),
         "the second evaluation must be at the midpoint, not at x": walk(trial=0),
         "this is Euler with half the steps: go on to the midpoint": walk(trial=0, late=0),
