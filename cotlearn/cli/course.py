@@ -67,10 +67,7 @@ def _has_display() -> bool:
 
 @app.command()
 def run(
-    notebook: Annotated[
-        list[str] | None,
-        typer.Argument(help="Numbers (00), names (00_start_here) or paths; default: all."),
-    ] = None,
+    notebook: Annotated[list[str] | None, typer.Argument(help="Numbers or paths; or all.")] = None,
     inplace: Annotated[bool, typer.Option("--inplace", help="Store the outputs.")] = False,
     html: Annotated[Path | None, typer.Option(help="Folder of HTML pages to write.")] = None,
     timeout: Annotated[int, typer.Option(min=1, help="Time limit per cell, in seconds.")] = 300,

@@ -30,11 +30,10 @@ def report(
         import torch
 
         from cotlearn.report import examine, read_data, write_page
+        from cotlearn.report.findings import TRAININGS
         from cotlearn.validation import check_output
 
         torch.set_num_threads(1)
-        if out.is_dir() or not out.parent.is_dir():
-            raise ValueError(f"out must be a file in a folder that exists, got {out}")
         for path, name in ((out, "out"), (model, "model")):
             check_output(path, name)
         rows = read_data(data, observe=observe, predict=predict)
@@ -43,7 +42,7 @@ def report(
         found.model.save(model)
         command = shlex.join(["cotlearn", *sys.argv[1:]])
         write_page(found, out, command=command, model=model)
-    for file in out.parent.glob(f"{checkpoints.name}.*.training.safetensors"):
-        file.unlink()
+        for word in TRAININGS:
+            Path(f"{checkpoints}.{word}.training.safetensors").unlink(missing_ok=True)
     console.print(f"{escape(found.headline())}\n{escape(found.verdict())}")
     console.print(f"page: {escape(str(out))}\nmodel: {escape(str(model))}")

@@ -48,10 +48,5 @@ def reported(*more: type[Exception]) -> Iterator[None]:
     except kinds as error:
         stop(str(error))
     except KeyboardInterrupt:
-        stop_interrupted()
-
-
-def stop_interrupted() -> NoReturn:
-    """Ends an interrupted command; it resumes when it is repeated."""
-    console.print("stopped; run the same command again to go on")
-    raise typer.Exit(130) from None
+        console.print("stopped; run the same command again to go on")
+        raise typer.Exit(130) from None

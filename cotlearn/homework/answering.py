@@ -69,7 +69,8 @@ def work(job: Job, folder: str, limits: Limits, channel: Connection, life: Conne
     namespace: dict[str, Any] = {"__name__": "__main__"}
     with contextlib.suppress(Exception):
         exec(compile(job.setup, "<setup>", "exec"), namespace)
-    _limit(limits)  # from here on it is the learner's code that runs
+    if sys.platform != "win32":
+        _limit(limits)  # from here on it is the learner's code that runs
     # in a namespace of its own the process does not know its number outside, but /proc does
     known = sys.platform == "linux"
     _send(channel, "begun", int(os.readlink("/proc/self")) if known else os.getpid())
@@ -281,10 +282,8 @@ class _Counted(io.TextIOBase):
 
 
 def _limit(limits: Limits) -> None:
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
+    import resource
+
     used = resource.getrusage(resource.RUSAGE_SELF)
     whole = math.ceil(used.ru_utime + used.ru_stime + limits.seconds)
     # the first process of a namespace does not get SIGXCPU, which comes before the hard limit

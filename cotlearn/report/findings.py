@@ -18,6 +18,7 @@ from cotlearn.report.model import FewStepModel
 from cotlearn.report.sources import Rows
 from cotlearn.validation import check_count, check_has
 
+TRAININGS = ("independent", "recommended")  #: words in the names of their checkpoints
 FEWEST, FEWEST_OUT = 100, 20  #: rows to train on, and held out
 MOST = 20_000  #: rows that are trained on; more are left out at random
 NFE = (1, 2, 4, 16)
@@ -195,7 +196,7 @@ def examine(
     trials = []
     for name, coupling in couplings.items():
         about = {"coupling": repr(coupling), "data": rows.about, "network": NETWORK, "steps": steps}
-        word = "independent" if name == "independent" else "recommended"
+        word = TRAININGS[name != "independent"]
         network = fit(
             VelocityMLP(train.dim, train.condition_dim, seed=seed, **NETWORK),
             train,

@@ -114,8 +114,11 @@ def test_report(tmp_path, start, number):
     checkpoint = tmp_path / ".r.html.independent.training.safetensors"
     end_when_there_is(checkpoint, start(words, tmp_path), number)
     kept = checkpoint.stat()
+    other = tmp_path / ".r.html.b.independent.training.safetensors"  # of --out r.html.b
+    other.write_bytes(b"")
     assert "page: r.html" in finish(start(words, tmp_path), tmp_path)
     assert kept.st_size
+    other.unlink()
     FewStepModel.load(tmp_path / "r.safetensors")
     left = {file.name for file in tmp_path.iterdir()}
     assert left == {"mine.npz", "r.html", "r.safetensors"}

@@ -45,9 +45,7 @@ def test_an_empty_list_of_sums_vouches_for_nothing(empty):
 
 @pytest.mark.parametrize("command", [("train", "push-t"), ("demos", "push-t"), ("report", "a.npz")])
 def test_out_is_looked_at_before_the_work(command, tmp_path):
-    assert "out must be a file, got the folder" in refused(
-        *command, "--out", tmp_path
-    ) or "out must be a file in a folder" in refused(*command, "--out", tmp_path)
+    assert "out must be a file, got the folder" in refused(*command, "--out", tmp_path)
 
 
 def test_pages_and_tables_are_looked_at_before_the_work(tmp_path):
