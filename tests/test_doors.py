@@ -16,7 +16,7 @@ from cotlearn.homework.isolation import Limits
 from cotlearn.mixtures import petals
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import rollout
-from cotlearn.policies.samplers import DDIMSampler, FlowSampler
+from cotlearn.policies.samplers import DDIMSampler, DDPMSampler, FlowSampler
 from cotlearn.policies.training import Options, train
 from cotlearn.policies.windows import Windows
 from cotlearn.report import examine, from_arrays
@@ -114,6 +114,7 @@ CALLS = {
     "repetitions": [lambda: POLICY.latency(repetitions=-1)],
     "nfe": [lambda: FlowSampler(0), lambda: DDIMSampler(0), lambda: flows.sampler(NET, nfe=0)],
     "method": [lambda: FlowSampler(1, "rk9")],
+    "levels": [lambda: DDPMSampler(0), lambda: DDPMSampler(2.5)],
     "learning_rate": [lambda: Options(learning_rate=-1)],
     "ema": [lambda: Options(ema=2)],
     "episodes": [lambda: train("independent", X), lambda: split(5, held_out=1)],
@@ -152,7 +153,7 @@ CALLS = {
     ],
     "sample": [lambda: metrics.conditional_squared_w2(5, DATA)],
     "loss": [lambda: fit(loss=5)],
-    "source": [lambda: fit(source=5)],
+    "source": [lambda: fit(source=5), lambda: fit(source=5, checkpoint="never.safetensors")],
     "generator": [
         lambda: MinibatchOT()(X, X, generator=NUMPY),
         lambda: next(MinibatchOT().stream(DATA, batch_size=8, generator=0)),

@@ -9,6 +9,7 @@ from torch import nn
 from cotlearn.couplings.base import Sampler, Source
 from cotlearn.flows.matching import Loss
 from cotlearn.storage import digest
+from cotlearn.validation import check_function
 
 DIGITS, ROWS = 16, 64
 
@@ -23,7 +24,10 @@ def fingerprint(
     rows = getattr(data, "x1", None), getattr(data, "c", None)
     if rows[0] is None:
         rows = data.sample(ROWS, generator=torch.Generator().manual_seed(0))
-    noise = None if source is None else source(ROWS, generator=torch.Generator().manual_seed(0))
+    noise = None
+    if source is not None:
+        check_function(source, "source", "(n, generator) -> x0")
+        noise = source(ROWS, generator=torch.Generator().manual_seed(0))
     found = {
         "initial weights": digest(network.state_dict(), {})[:DIGITS],
         "rows of data": _digest(*rows),

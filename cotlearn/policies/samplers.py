@@ -105,6 +105,9 @@ class DDPMSampler(Sampler):
     clip: float = 1.0
     prediction: str = "noise"
 
+    def __post_init__(self) -> None:
+        diffusion_of(self.prediction, self.levels)  # checks
+
     @property
     def draws(self) -> int:
         """The start, and fresh noise in every step but the last."""
