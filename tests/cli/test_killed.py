@@ -25,6 +25,11 @@ pytestmark = [
 PATIENCE = 600  # seconds, on a very busy machine
 
 
+def soon():
+    """Three seconds, or as much longer as this machine is busy."""
+    return 3 * max(1, os.getloadavg()[0] / (os.cpu_count() or 1))
+
+
 def command(words, folder):
     """`cotlearn` in a process of its own, with a checkpoint every 100 steps, and few rollouts."""
     from cotlearn.cli import app
@@ -65,7 +70,7 @@ def end_when_there_is(file, process, number):
     os.kill(process.pid, number)
     process.join()
     assert process.exitcode == (130 if number == signal.SIGINT else -number)
-    assert time.monotonic() - begun < 3
+    assert time.monotonic() - begun < soon()
 
 
 def finish(process, folder):

@@ -77,9 +77,9 @@ def test_a_folder(folder, tmp_path):
     assert "line 6, raised ZeroDivisionError" in feedback
     assert (tmp_path / "grades" / "damaged.md").read_text().startswith("# damaged.ipynb")
 
-    # again: all that could be read is known, and the table is the same
+    # again: all that was marked is known, and the table is the same
     again = grade(folder, out)
-    assert sum(row.kept for row in again) == 5
+    assert sum(row.kept for row in again) == sum(bool(row.marked.marks) for row in again) == 3
     assert [row.marked for row in again] == [row.marked for row in rows]
 
     # a student hands in again: that one is graded anew
@@ -88,12 +88,8 @@ def test_a_folder(folder, tmp_path):
     zoe.write_text("{")  # and a torn file
     seen = []
     rows = grade(folder, out, each=lambda row, done, total: seen.append((done, total)))
-    assert {row.file for row in rows if not row.kept} == {
-        "Ann/hw1.ipynb",
-        "Zoë Müller/hw1.ipynb",
-        "no.ipynb",
-        "report.pdf",
-    }
+    anew = {row.file for row in rows if row.marked.marks and not row.kept}
+    assert anew == {"Ann/hw1.ipynb", "Zoë Müller/hw1.ipynb"}
     assert seen[-1] == (7, 7)
 
 

@@ -23,6 +23,11 @@ open("up", "w").close()
 runpy.run_module("cotlearn", run_name="__main__", alter_sys=True)"""
 
 
+def soon():
+    """Three seconds, or as much longer as this machine is busy."""
+    return 3 * max(1, os.getloadavg()[0] / (os.cpu_count() or 1))
+
+
 def alive(mark):
     """The processes whose command or folder has this word in it."""
     found = []
@@ -94,11 +99,11 @@ def test_an_end_in_an_answer(tmp_path, started, command, number):
     process.wait(60)
     text = (tmp_path / "said").read_text()
     if number == signal.SIGINT:
-        assert time.monotonic() - begun < 3
+        assert time.monotonic() - begun < soon()
         assert process.returncode in CODES, text
         assert "Traceback" not in text
     until(lambda: not alive(str(tmp_path)))
-    assert time.monotonic() - begun < 10
+    assert time.monotonic() - begun < 3 * soon()
     assert not list(tmp_path.glob("cotlearn-*"))
 
 
@@ -116,7 +121,7 @@ def test_an_end_of_what_has_children(tmp_path, started, words, number):
     begun = time.monotonic()
     os.kill(process.pid, number)
     process.wait(60)
-    assert time.monotonic() - begun < 3
+    assert time.monotonic() - begun < soon()
     text = (tmp_path / "said").read_text()
     assert process.returncode in (CODES if number == signal.SIGINT else {-number}), text
     assert "Traceback" not in text
@@ -135,7 +140,7 @@ def test_an_end_at_any_moment(tmp_path, started, words, seconds):
     begun = time.monotonic()
     process.send_signal(signal.SIGINT)
     process.wait(60)
-    assert time.monotonic() - begun < 3
+    assert time.monotonic() - begun < soon()
     text = (tmp_path / "said").read_text()
     assert process.returncode in CODES, text
     assert "Traceback" not in text
