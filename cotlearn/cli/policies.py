@@ -72,10 +72,8 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
         command(**values, options={k: v for k, v in named.items() if v is not None})
 
     own = [p for p in signature.parameters.values() if p.name != "options"]
-    shared = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
-        for name, kind in OPTIONS.items()
-    ]
+    named = functools.partial(inspect.Parameter, kind=inspect.Parameter.KEYWORD_ONLY)
+    shared = [named(name, default=None, annotation=kind) for name, kind in OPTIONS.items()]
     with_them.__signature__ = signature.replace(parameters=[*own, *shared])  # type: ignore[attr-defined]
     with_them.__annotations__ = {p.name: p.annotation for p in [*own, *shared]}
     return with_them

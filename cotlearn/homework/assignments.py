@@ -128,8 +128,6 @@ def read(path: Path, name: str) -> Assignment:
 
 def _checks(source: str) -> list[tuple[str, str]]:
     """The pairs (answer, name) of the calls check(answer, "name") in a cell."""
-    return [
-        (ast.unparse(node.args[0]), str(ast.literal_eval(node.args[1])))
-        for node in ast.walk(ast.parse(source))
-        if isinstance(node, ast.Call) and ast.unparse(node.func) == "check"
-    ]
+    calls = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call))
+    given = (call.args for call in calls if ast.unparse(call.func) == "check")
+    return [(ast.unparse(answer), str(ast.literal_eval(name))) for answer, name in given]

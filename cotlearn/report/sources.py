@@ -52,7 +52,7 @@ def read_data(path: str | Path, *, observe: int = 2, predict: int = 16) -> Rows:
         TypeError: an array does not hold numbers.
     """
     path = Path(path)
-    if not path.exists():
+    if not (path.is_file() or path.is_dir()):  # a pipe would be read without end
         raise FileNotFoundError(f"no such file: {path}")
     if path.suffix == ".npz":
         return _read_npz(path)

@@ -1,6 +1,8 @@
 """Commands that cannot do their work say so in one sentence, before the work where it is known."""
 
 import io
+import os
+import sys
 import zipfile
 
 import numpy as np
@@ -76,6 +78,15 @@ def test_a_zarr_that_claims_many_rows(tmp_path):
         group.create_array(name, shape=(10**12, columns), chunks=(1000, columns), dtype="f4")
     group.create_array("meta/episode_ends", shape=(1,), dtype="i8")
     assert "is damaged" in refused("train", "push-t", "--data", tmp_path / "a.zarr")
+    (tmp_path / "a.zarr" / ".zgroup").write_text("{")
+    assert "a.zarr is damaged" in refused("train", "push-t", "--data", tmp_path / "a.zarr")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no named pipes")
+def test_a_pipe_is_no_file_of_data(tmp_path):
+    os.mkfifo(tmp_path / "a.npz")
+    assert "no such file" in refused("train", "push-t", "--data", tmp_path / "a.npz")
+    assert "no such file" in refused("report", tmp_path / "a.npz")
 
 
 def test_a_full_disk(tmp_path, monkeypatch):

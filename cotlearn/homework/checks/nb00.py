@@ -24,11 +24,8 @@ def self_test(answer: Any) -> None:
         raise NotYet(f"self_test must stay a dict with {len(_SELF_TEST)} answers")
     if all(answer.get(name) in (None, ...) for name in _SELF_TEST):
         raise NotImplementedError
-    wrong = [
-        f"{name} ({hint})"
-        for name, (expected, hint) in _SELF_TEST.items()
-        if not same(answer.get(name), expected, 1e-6)
-    ]
+    given = ((answer.get(name), name, *item) for name, item in _SELF_TEST.items())
+    wrong = [f"{name} ({hint})" for it, name, right, hint in given if not same(it, right, 1e-6)]
     if wrong:
         right = len(_SELF_TEST) - len(wrong)
         raise NotYet(f"{right} of {len(_SELF_TEST)} right; look again at {'; '.join(wrong)}")

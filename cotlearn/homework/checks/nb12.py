@@ -41,10 +41,8 @@ def _decision(gains: dict[str, float], right: str, sure: float) -> Case:
     if right == "independent":
         hint = f"the best is ahead by {sure} standard errors, not by two: stay with 'independent'"
         return Case((scores, {"naive OT"}), right, wrong, hint)
-    wrong[
-        f"{right} is the best without a flag, and ahead by {sure} standard errors; take that of "
-        "the differences row by row, std / sqrt(n), because the rows are the same"
-    ] = "independent"
+    hint = f"{right} is the best without a flag, and ahead by {sure} standard errors"
+    wrong[f"{hint} of the differences row by row, std / sqrt(n)"] = "independent"
     return Case((scores, {"naive OT"}), right, wrong)
 
 

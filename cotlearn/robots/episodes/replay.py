@@ -2,6 +2,7 @@
 
 import zipfile
 from collections.abc import Sequence
+from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
 
@@ -39,5 +40,5 @@ def read_buffer(path: str | Path, states: Sequence[str] = ("data/state",)) -> tu
             if missing := [name for name in names if name not in group]:
                 raise ValueError(f"{path} has no {', no '.join(missing)}: it is no replay buffer")
             return tuple(np.asarray(group[name][:]) for name in names)
-    except (OSError, MemoryError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
+    except (OSError, MemoryError, RuntimeError, zipfile.BadZipFile, JSONDecodeError) as error:
         raise ValueError(f"{path} is damaged or not a zarr group: {error}") from error

@@ -26,7 +26,7 @@ def read(path: str | Path) -> Episodes:
         ValueError: the file is damaged, or its layout is unknown.
     """
     path = Path(path)
-    if not path.exists():
+    if not (path.is_file() or path.is_dir()):  # a pipe would be read without end
         raise FileNotFoundError(f"no such file: {path}")
     if path.suffix == ".npz":
         return read_npz(path)
