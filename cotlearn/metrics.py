@@ -24,11 +24,9 @@ class ConditionalData(Protocol):
 
     def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw one x for each row of c (n, k), shape (n, d)."""
-        ...
 
     def conditions(self, n: int = 9) -> Tensor:
         """Conditions to evaluate on, shape (m, k)."""
-        ...
 
 
 def squared_w2(a: Tensor, b: Tensor) -> float:

@@ -24,15 +24,7 @@ from cotlearn.flows.diffusion import predict, regression_loss
 from cotlearn.flows.matching import FlowMatching, Loss, velocity_of
 from cotlearn.flows.one_step import MeanFlow, MeanVelocity, Shortcut, TwoPasses
 from cotlearn.flows.solvers import integrate
-from cotlearn.policies.samplers import (
-    DDPMSampler,
-    FlowSampler,
-    JumpSampler,
-    MeanSampler,
-    Sampler,
-    TwoPassSampler,
-    diffusion_of,
-)
+from cotlearn.policies import samplers
 from cotlearn.validation import check_choice
 
 if TYPE_CHECKING:
@@ -43,16 +35,16 @@ def _flow_matching(options: Options) -> Loss:
     return FlowMatching(options.share_at_t0, options.prediction)
 
 
-def _flow_sampler(options: Options, clip: float) -> Sampler:
-    return FlowSampler(16, prediction=options.prediction)
+def _flow_sampler(options: Options, clip: float) -> samplers.Sampler:
+    return samplers.FlowSampler(16, prediction=options.prediction)
 
 
 def _diffusion(options: Options) -> Loss:
-    return diffusion_of(options.prediction).loss
+    return samplers.diffusion_of(options.prediction).loss
 
 
-def _diffusion_sampler(options: Options, clip: float) -> Sampler:
-    return DDPMSampler(clip=clip, prediction=options.prediction)
+def _diffusion_sampler(options: Options, clip: float) -> samplers.Sampler:
+    return samplers.DDPMSampler(clip=clip, prediction=options.prediction)
 
 
 @dataclass(frozen=True)
@@ -81,7 +73,7 @@ class Method:
     description: str
     coupling: Callable[[Options, EmbeddedClusters | None], Coupling] = lambda *_: Independent()
     loss: Callable[[Options], Loss] = _flow_matching
-    sampler: Callable[[Options, float], Sampler] = _flow_sampler
+    sampler: Callable[[Options, float], samplers.Sampler] = _flow_sampler
     predictions: tuple[str, ...] = matching.PREDICTIONS
     open_option: str = ""
     pictures: Callable[[Options], int | None] | None = None
@@ -159,7 +151,7 @@ def _distil(run: Run, *, inverted: bool = False) -> None:
 
 
 RESIDUAL: dict[str, Any] = {
-    "coupling": lambda options, pictures: _stratified(options, pictures, residual=True),
+    "coupling": functools.partial(_stratified, residual=True),
     "open_option": "clusters",
     "pictures": lambda options: options.clusters,
 }
@@ -167,7 +159,7 @@ MEAN_FLOW = Method(
     "mean_flow",
     "mean velocities by a forward-mode product (MeanFlow)",
     loss=lambda options: MeanFlow(),
-    sampler=lambda options, clip: JumpSampler(),
+    sampler=lambda options, clip: samplers.JumpSampler(),
     predictions=("velocity",),
     network=MeanVelocity,
     columns=1,
@@ -181,98 +173,91 @@ DIFFUSION = Method(
     predictions=diffusion.PREDICTIONS,
 )
 
-METHODS: dict[str, Method] = {
-    method.name: method
-    for method in (
-        Method("independent", "flow matching, independent pairs"),
-        Method(
-            "minibatch_ot",
-            "flow matching, naive minibatch OT",
-            coupling=lambda *_: couplings.MinibatchOT(),
+
+def _on_residuals(method: Method) -> Method:
+    """A row with the loss and the sampler of another one, on the pairs of "residual"."""
+    words = f"{method.description}, on the pairs of 'residual'"
+    return replace(method, name=f"{method.name}_residual", description=words, **RESIDUAL)
+
+
+_ROWS = (
+    Method("independent", "flow matching, independent pairs"),
+    Method(
+        "minibatch_ot",
+        "flow matching, naive minibatch OT",
+        coupling=lambda *_: couplings.MinibatchOT(),
+    ),
+    Method(
+        "conditional_ot",
+        "flow matching, COT with a condition weight",
+        coupling=_conditional,
+        open_option="condition_weight",
+        pictures=lambda options: options.camera.condition_clusters if options.camera else None,
+    ),
+    Method(
+        "stratified",
+        "flow matching, one assignment for each cluster of conditions and epoch",
+        coupling=_stratified,
+        open_option="clusters",
+        pictures=lambda options: options.clusters,
+    ),
+    Method(
+        "residual",
+        "as stratified, on the residuals of a linear regression in each cluster",
+        **RESIDUAL,
+    ),
+    Method(
+        "centred",
+        "as stratified, on the residuals of one regression that is trained before",
+        coupling=_stratified,
+        open_option="clusters",
+        prepare=_centre,
+    ),
+    Method(
+        "aligned",
+        "flow matching, model-aligned pairs (MAC, weighted)",
+        coupling=lambda options, pictures: couplings.ModelAligned(
+            "weighted", warmup_steps=options.steps // 5
         ),
-        Method(
-            "conditional_ot",
-            "flow matching, COT with a condition weight",
-            coupling=_conditional,
-            open_option="condition_weight",
-            pictures=lambda options: options.camera.condition_clusters if options.camera else None,
-        ),
-        Method(
-            "stratified",
-            "flow matching, one assignment for each cluster of conditions and epoch",
-            coupling=_stratified,
-            open_option="clusters",
-            pictures=lambda options: options.clusters,
-        ),
-        Method(
-            "residual",
-            "as stratified, on the residuals of a linear regression in each cluster",
-            **RESIDUAL,
-        ),
-        Method(
-            "centred",
-            "as stratified, on the residuals of one regression that is trained before",
-            coupling=_stratified,
-            open_option="clusters",
-            prepare=_centre,
-        ),
-        Method(
-            "aligned",
-            "flow matching, model-aligned pairs (MAC, weighted)",
-            coupling=lambda options, pictures: couplings.ModelAligned(
-                "weighted", warmup_steps=options.steps // 5
-            ),
-            predictions=("velocity",),
-        ),
-        Method(
-            "reflow",
-            "rectified flow on the pairs of a flow with independent pairs",
-            prepare=_distil,
-        ),
-        Method(
-            "reflow_inverted",
-            "as reflow, with the teacher's noise for demonstrated chunks",
-            predictions=("velocity",),
-            prepare=functools.partial(_distil, inverted=True),
-        ),
+        predictions=("velocity",),
+    ),
+    Method(
+        "reflow", "rectified flow on the pairs of a flow with independent pairs", prepare=_distil
+    ),
+    Method(
+        "reflow_inverted",
+        "as reflow, with the teacher's noise for demonstrated chunks",
+        predictions=("velocity",),
+        prepare=functools.partial(_distil, inverted=True),
+    ),
+    MEAN_FLOW,
+    _on_residuals(MEAN_FLOW),
+    replace(
         MEAN_FLOW,
-        replace(
-            MEAN_FLOW,
-            name="mean_flow_residual",
-            description="mean velocities on the pairs of 'residual'",
-            **RESIDUAL,
-        ),
-        replace(
-            MEAN_FLOW,
-            name="shortcut",
-            description="shortcut model: a jump equals two of half its length",
-            loss=lambda options: Shortcut(share=0.125),
-            cost=13 / 12,
-        ),
-        Method(
-            "two_passes",
-            "regression that refines its answer once (MIP)",
-            loss=lambda options: TwoPasses(),
-            sampler=lambda options, clip: TwoPassSampler(),
-            predictions=("data",),
-            cost=2.0,
-        ),
-        Method(
-            "behaviour_cloning",
-            "regression of the chunk, mean squared error",
-            loss=lambda options: regression_loss,
-            sampler=lambda options, clip: MeanSampler(),
-            predictions=("data",),
-        ),
-        DIFFUSION,
-        replace(
-            DIFFUSION,
-            name="diffusion_residual",
-            description="DDPM with 100 levels on the pairs of 'residual'",
-            **RESIDUAL,
-        ),
-    )
-}
+        name="shortcut",
+        description="shortcut model: a jump equals two of half its length",
+        loss=lambda options: Shortcut(share=0.125),
+        cost=13 / 12,
+    ),
+    Method(
+        "two_passes",
+        "regression that refines its answer once (MIP)",
+        loss=lambda options: TwoPasses(),
+        sampler=lambda options, clip: samplers.TwoPassSampler(),
+        predictions=("data",),
+        cost=2.0,
+    ),
+    Method(
+        "behaviour_cloning",
+        "regression of the chunk, mean squared error",
+        loss=lambda options: regression_loss,
+        sampler=lambda options, clip: samplers.MeanSampler(),
+        predictions=("data",),
+    ),
+    DIFFUSION,
+    _on_residuals(DIFFUSION),
+)
+METHODS: dict[str, Method] = {method.name: method for method in _ROWS}
 
 
 def find_method(method: str | Method) -> Method:

@@ -1,11 +1,9 @@
 """Receding-horizon policies: observe a short history, sample an action chunk, execute its start."""
 
-from __future__ import annotations
-
 import timeit
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 import torch
@@ -67,7 +65,7 @@ class ChunkPolicy:
         validation.check_has(self.sampler, "sampler", wanted, "draws", "nfe")
         self.network.eval()
 
-    def with_sampler(self, sampler: Sampler) -> ChunkPolicy:
+    def with_sampler(self, sampler: Sampler) -> Self:
         """The same policy with another sampler."""
         return replace(self, sampler=sampler)
 
@@ -176,7 +174,7 @@ class ChunkPolicy:
         save_tensors(path, tensors, record)
 
     @classmethod
-    def load(cls, path: str | Path) -> ChunkPolicy:
+    def load(cls, path: str | Path) -> Self:
         """Read a policy that `save` wrote.
 
         Raises:

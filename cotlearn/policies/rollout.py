@@ -29,11 +29,9 @@ class Policy(Protocol):
 
     def noise(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Draw noise for n rows, (draws, n, d)."""
-        ...
 
     def act(self, history: ArrayLike, *, noise: Tensor | None = None) -> Array:
         """Actions (B, execute, A) from histories (B, observe, columns)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -146,9 +144,8 @@ def rollout(
             bar.update()
     outcomes = sim.outcomes()
     if task.early_steps:
-        outcomes[f"{task.score}_{task.early_steps}"] = (
-            outcomes[task.score] if early is None else early
-        )
+        then = outcomes[task.score] if early is None else early
+        outcomes[f"{task.score}_{task.early_steps}"] = then
     return Rollouts(
         task=task,
         seed=np.asarray(seeds, dtype=np.int64),

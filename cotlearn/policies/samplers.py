@@ -18,8 +18,9 @@ from cotlearn.validation import check_choice, check_count
 
 
 class Sampler:
-    """Turns noise into chunks with a network. A new one overrides `name`, `nfe` and the call."""
+    """Turns noise into chunks with a network. A new one overrides `method`, `nfe` and the call."""
 
+    method: str  #: what a table calls it, before the number of evaluations
     random: ClassVar[bool] = True  #: whether samples depend on the noise
 
     @property
@@ -30,7 +31,7 @@ class Sampler:
     @property
     def name(self) -> str:
         """For tables: "euler-16"."""
-        raise NotImplementedError
+        return f"{self.method}-{self.nfe}"
 
     @property
     def nfe(self) -> int:
@@ -68,11 +69,6 @@ class FlowSampler(Sampler):
         check_choice(self.method, "method", ("euler", "midpoint") if exact else FIXED)
 
     @property
-    def name(self) -> str:
-        """For tables: "euler-16"."""
-        return f"{self.method}-{self.nfe}"
-
-    @property
     def variants(self) -> list[Sampler]:
         """Euler's method with 1 to 16 evaluations, and one midpoint step."""
         euler = [replace(self, nfe=nfe, method="euler") for nfe in (1, 2, 4, 16)]
@@ -101,6 +97,7 @@ class DDPMSampler(Sampler):
         prediction: of the network, see `Diffusion`; unless it is the noise, with zero terminal SNR.
     """
 
+    method = "ddpm"
     levels: int = 100
     clip: float = 1.0
     prediction: str = "noise"
@@ -119,11 +116,6 @@ class DDPMSampler(Sampler):
         return self.levels
 
     @property
-    def name(self) -> str:
-        """For tables: "ddpm-100"."""
-        return f"ddpm-{self.levels}"
-
-    @property
     def variants(self) -> list[Sampler]:
         """The chain itself, and DDIM: where the last level is noise alone, from there.
 
@@ -131,8 +123,7 @@ class DDPMSampler(Sampler):
         """
         exact = self.prediction != "noise"
         few = [(n, "trailing") for n in (1, 2, 4, 16)] if exact else product((4, 16), SPACINGS)
-        rest = self.levels, self.clip, self.prediction
-        return [self, *(DDIMSampler(n, rest[0], s, *rest[1:]) for n, s in few)]
+        return [self, *(DDIMSampler(n, self.levels, s, self.clip, self.prediction) for n, s in few)]
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) from noise (levels, B, d) under conditions c (B, k)."""
@@ -144,6 +135,7 @@ class DDPMSampler(Sampler):
 class DDIMSampler(Sampler):
     """Few deterministic steps of a diffusion model."""
 
+    method = "ddim"
     nfe: int = 16
     levels: int = 100
     spacing: str = "leading"
@@ -156,7 +148,7 @@ class DDIMSampler(Sampler):
     @property
     def name(self) -> str:
         """For tables: "ddim-16", "ddim-4-trailing"."""
-        return f"ddim-{self.nfe}" + ("" if self.spacing == "leading" else f"-{self.spacing}")
+        return super().name + ("" if self.spacing == "leading" else f"-{self.spacing}")
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
@@ -172,12 +164,8 @@ class JumpSampler(Sampler):
         nfe: evaluations of the network for a chunk.
     """
 
+    method = "jump"
     nfe: int = 16
-
-    @property
-    def name(self) -> str:
-        """For tables: "jump-1"."""
-        return f"jump-{self.nfe}"
 
     @property
     def variants(self) -> list[Sampler]:
@@ -219,12 +207,5 @@ class MeanSampler(Sampler):
 #: By the name that a saved policy has for them.
 SAMPLERS: dict[str, Callable[..., Sampler]] = {
     kind.__name__: kind
-    for kind in (
-        FlowSampler,
-        DDPMSampler,
-        DDIMSampler,
-        JumpSampler,
-        TwoPassSampler,
-        MeanSampler,
-    )
+    for kind in (FlowSampler, DDPMSampler, DDIMSampler, JumpSampler, TwoPassSampler, MeanSampler)
 }

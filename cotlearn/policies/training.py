@@ -1,11 +1,9 @@
 """Train policies: every method on the same data, network and budget."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +96,7 @@ class Options:
             raise ValueError(f"with a camera, network and frame must be mlp and agent, got {sees}")
 
     @classmethod
-    def from_stored(cls, stored: Mapping[str, Any]) -> Options:
+    def from_stored(cls, stored: Mapping[str, Any]) -> Self:
         """Reads what `dataclasses.asdict` made of options, also under the names of version 0.1."""
         values = {_OLD_NAMES.get(name, name): value for name, value in stored.items()}
         camera = values.pop("camera", None) or {

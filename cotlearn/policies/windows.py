@@ -1,9 +1,7 @@
 """Windows: what a policy observes and predicts, in which frame and on which scale."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -71,7 +69,7 @@ class Windows:
         label: str = "action",
         scale: str = "deviation",
         **shape: Any,
-    ) -> Windows:
+    ) -> Self:
         """Create windows with the scale of training episodes.
 
         Args:
@@ -160,7 +158,7 @@ class Windows:
         return {**vars(self), **ranges, "task": self.task.name}
 
     @classmethod
-    def from_metadata(cls, metadata: dict[str, Any]) -> Windows:
+    def from_metadata(cls, metadata: dict[str, Any]) -> Self:
         """Create windows from `metadata`, as written by this version or by 0.1."""
         values = {"open_loop" if k == "whole" else k: value for k, value in metadata.items()}
         ranges = {name: np.array(values[name]) for name in _RANGES}

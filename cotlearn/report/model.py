@@ -1,10 +1,8 @@
 """The few-step model that a report trains; it takes and returns values in the data's units."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import torch
 from torch import Tensor, nn
@@ -48,7 +46,7 @@ class FewStepModel:
         save_tensors(path, tensors, self.about)
 
     @classmethod
-    def load(cls, path: str | Path) -> FewStepModel:
+    def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote.
 
         Raises:

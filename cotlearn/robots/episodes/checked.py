@@ -1,12 +1,10 @@
 """`Episodes`, validated arrays of demonstrations, and their split."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import ModuleType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,7 +68,7 @@ class Episodes:
         """The number of rows of each episode, (E,)."""
         return self.ends - self.starts
 
-    def select(self, index: ArrayLike | Sequence[int]) -> Episodes:
+    def select(self, index: ArrayLike | Sequence[int]) -> Self:
         """The episodes with the numbers `index` (m,), in this order."""
         try:
             chosen = np.arange(len(self))[check_real(index, "index", "iub")]
