@@ -13,15 +13,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from cotlearn import validation
 from cotlearn.renamed import renamed
-from cotlearn.validation import (
-    check_choice,
-    check_count,
-    check_generator,
-    check_inputs,
-    check_matrix,
-    check_times,
-)
 
 _MOVED = ("Dataset", "Unconditional", "digits", "unconditional")
 __getattr__ = renamed(__name__, {name: f"cotlearn.datasets:{name}" for name in _MOVED})
@@ -59,8 +52,8 @@ class ConditionalGaussianMixture:
 
     def sample_conditions(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Draw n conditions from p(c), shape (n, k)."""
-        check_generator(generator)
-        return self.draw_conditions(check_count(n, "n"), generator)
+        validation.check_generator(generator)
+        return self.draw_conditions(validation.check_count(n, "n"), generator)
 
     def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
         """Draw n pairs (x1, c) from p(c) p(x | c), of shapes (n, d) and (n, k)."""
@@ -69,8 +62,8 @@ class ConditionalGaussianMixture:
 
     def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw one x from p(x | c) for each row of c, shape (n, d)."""
-        check_matrix(c, "c", columns=self.condition_dim)
-        check_generator(generator)
+        validation.check_matrix(c, "c", columns=self.condition_dim)
+        validation.check_generator(generator)
         log_weights, means, stds = self.components(c)
         k = torch.multinomial(log_weights.exp(), 1, generator=generator)[:, 0]
         row = torch.arange(len(c))
@@ -79,7 +72,7 @@ class ConditionalGaussianMixture:
 
     def conditions(self, n: int = 9) -> Tensor:
         """Conditions to evaluate on: all of them if finitely many, else n spread over p(c)."""
-        return self.representative(check_count(n, "n"))
+        return self.representative(validation.check_count(n, "n"))
 
     def log_density(self, x: Tensor, c: Tensor) -> Tensor:
         """log p(x | c) for each row, shape (n,).
@@ -87,7 +80,7 @@ class ConditionalGaussianMixture:
         Raises:
             ValueError: p(x | c) has no density because a coordinate is certain given c.
         """
-        log_weights, means, stds = self.components(check_inputs(self, x, c))
+        log_weights, means, stds = self.components(validation.check_inputs(self, x, c))
         if (stds == 0).any():
             raise ValueError(f"{self.name}: p(x | c) has no density, c fixes a coordinate of x")
         return torch.logsumexp(log_weights + _log_normal(x, means, stds), dim=1)
@@ -99,8 +92,8 @@ class ConditionalGaussianMixture:
         the posterior weights of the components add these up (science of Lipman et al., 2210.02747,
         applied to mixtures). t is a number or has shape (n,), in [0, 1].
         """
-        log_weights, means, stds = self.components(check_inputs(self, x, c))
-        time = check_times(t, x)[:, None, None]
+        log_weights, means, stds = self.components(validation.check_inputs(self, x, c))
+        time = validation.check_times(t, x)[:, None, None]
         variance = (1 - time) ** 2 + time**2 * stds**2  # of x_t given k
         covariance = time * stds**2 - (1 - time)  # of x_t with x1 - x0 given k
         # At t = 1 a certain coordinate has no spread: all that is left there is its mean.
@@ -178,7 +171,12 @@ def petals(n_conditions: int = 4) -> ConditionalGaussianMixture:
     Condition k (one-hot) sits at angle 2 pi k / n on a ring of radius 4; p(x | c) has two equal
     modes at -1.2 and +1.2 along the tangent, standard deviation 0.25.
     """
-    angle = 2 * math.pi * torch.arange(check_count(n_conditions, "n_conditions")) / n_conditions
+    angle = (
+        2
+        * math.pi
+        * torch.arange(validation.check_count(n_conditions, "n_conditions"))
+        / n_conditions
+    )
     tangent = _on_circle(angle + math.pi / 2, 1.2)
     centre = _on_circle(angle, 4.0)
     return _labelled("petals", torch.stack([centre - tangent, centre + tangent], dim=1), 0.25)
@@ -249,7 +247,7 @@ def moons(condition: str = "class", *, torchdyn: bool = False) -> ConditionalGau
             `velocity` raise a ValueError.
     """
     std, points = 0.6, 64
-    check_choice(condition, "condition", ("class", "x"))
+    validation.check_choice(condition, "condition", ("class", "x"))
     if torchdyn:
         return _moons_of_torchdyn(condition)
     angle = math.pi * (torch.arange(points) + 0.5) / points
@@ -289,7 +287,7 @@ class _TorchdynMoons(ConditionalGaussianMixture):
     """Moons of which only samples are known: half circles, shifted along the diagonal."""
 
     def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
-        order = torch.randperm(check_count(n, "n"), generator=generator)
+        order = torch.randperm(validation.check_count(n, "n"), generator=generator)
         sizes = (n // 2, n - n // 2)
         angle = torch.cat([torch.linspace(0, math.pi, size) for size in sizes])[order]
         moon = (order >= n // 2).long()
@@ -299,7 +297,7 @@ class _TorchdynMoons(ConditionalGaussianMixture):
 
     def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw independently, by the angles: they are uniform where c allows them."""
-        check_matrix(c, "c", columns=self.condition_dim)
+        validation.check_matrix(c, "c", columns=self.condition_dim)
         by_moon = self.condition_dim == 2
         if by_moon:  # from 0 to pi on this moon
             first, last = torch.zeros_like(c), math.pi * _one_hot(c)

@@ -40,12 +40,7 @@ class Table:
         return f"<table><thead>{line('th', self.head)}</thead><tbody>{body}</tbody></table>"
 
 
-def table(
-    rows: Sequence[Mapping[str, Any]],
-    *,
-    low: Sequence[str] = (),
-    digits: int = 3,
-) -> Table:
+def table(rows: Sequence[Mapping[str, Any]], *, low: Sequence[str] = (), digits: int = 3) -> Table:
     """Make a table of rows with the same columns, the best value of a column marked.
 
     Args:
@@ -66,6 +61,6 @@ def table(
 
 
 def _word(value: Any, digits: int) -> str:
-    return (
-        f"{value:.{digits}f}" if isinstance(value, float) else str("" if value is None else value)
-    )
+    if value is None:
+        return ""
+    return f"{value:.{digits}f}" if isinstance(value, float) else str(value)

@@ -32,37 +32,28 @@ class VectorSim(Protocol):
         """The results of each episode so far, name -> (n,), including "mode" (-1: no mode)."""
 
 
-class Frame(Protocol):
-    """A coordinate frame in which the network observes states and predicts actions."""
-
-    features: int  #: features of one observed state
-
-    def observe(self, history: Array) -> Array:
-        """Convert states (B, T, columns) to features (B, T, features)."""
-
-    def to_frame(self, actions: Array, history: Array) -> Array:
-        """Transform world actions (B, n, columns) to the frame given by the last state."""
-
-    def from_frame(self, actions: Array, history: Array) -> Array:
-        """The inverse of `to_frame`."""
-
-
 @dataclass
-class IdentityFrame:
-    """The world frame, which changes neither states nor actions."""
+class Frame:
+    """A coordinate frame in which the network observes states and predicts actions.
+
+    This one is the world's, which changes neither states nor actions; others override its methods.
+
+    Attributes:
+        features: number of features of one observed state.
+    """
 
     features: int
 
     def observe(self, history: Array) -> Array:
-        """Return the states unchanged."""
+        """Convert states (B, T, columns) to features (B, T, features)."""
         return history
 
     def to_frame(self, actions: Array, history: Array) -> Array:
-        """Return the actions unchanged."""
+        """Transform world actions (B, n, columns) to the frame given by the last state."""
         return actions
 
     def from_frame(self, actions: Array, history: Array) -> Array:
-        """Return the actions unchanged."""
+        """The inverse of `to_frame`."""
         return actions
 
 

@@ -8,7 +8,7 @@ from cotlearn.robots.arm.frames import GoalFrame
 from cotlearn.robots.arm.simulation import ArmVectorSim
 from cotlearn.robots.arm.task import FAR, HIGH, LOW, MAX_STEPS, MODES, UNIT, columns
 from cotlearn.robots.experts.arm import ArmExpert
-from cotlearn.robots.task import IdentityFrame, Task
+from cotlearn.robots.task import Frame, Task
 
 
 def _task(kind: str) -> Task:
@@ -24,7 +24,7 @@ def _task(kind: str) -> Task:
         state_limits=np.array([[-FAR] * len(state), [FAR] * len(state)]),
         action_limits=np.stack([LOW, HIGH]),
         max_steps=MAX_STEPS,
-        frames={"goal": GoalFrame(kind), "world": IdentityFrame(len(state))},
+        frames={"goal": GoalFrame(kind), "world": Frame(len(state))},
         score="success",
         modes=len(MODES[kind]),
         mode_steps=MAX_STEPS,

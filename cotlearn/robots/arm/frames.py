@@ -6,12 +6,12 @@ import numpy as np
 
 from cotlearn.robots.arm import task
 from cotlearn.robots.plane import rotate
-from cotlearn.robots.task import Array
+from cotlearn.robots.task import Array, Frame
 
 _NEAR = 0.03  #: metres from the goal within which the direction to it counts less
 
 
-class GoalFrame:
+class GoalFrame(Frame):
     """A frame with the tip as its origin and the x axis in the direction of the goal.
 
     Origin and direction are those of the last state. The variance of actions given the condition is
@@ -30,7 +30,7 @@ class GoalFrame:
     """
 
     def __init__(self, kind: str) -> None:
-        self.features = len(task.columns(kind))
+        super().__init__(features=len(task.columns(kind)))
 
     def observe(self, history: Array) -> Array:
         """Transform states (B, T, columns) to the frame of the last state, (B, T, columns)."""

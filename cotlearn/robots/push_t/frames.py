@@ -4,10 +4,10 @@ import numpy as np
 
 from cotlearn.robots.plane import rotate
 from cotlearn.robots.push_t.task import GOAL
-from cotlearn.robots.task import Array, IdentityFrame
+from cotlearn.robots.task import Array, Frame
 
 
-class BodyFrame:
+class BodyFrame(Frame):
     """The frame of the T.
 
     A state becomes the agent's position, the goal's position, and the cosine and sine of the goal's
@@ -15,7 +15,8 @@ class BodyFrame:
     state.
     """
 
-    features = 6
+    def __init__(self) -> None:
+        super().__init__(features=6)
 
     def observe(self, history: Array) -> Array:
         """(B, T, 6) from states (B, T, 5)."""
@@ -34,7 +35,7 @@ class BodyFrame:
         return _turn(actions, pose[..., 2]) + pose[..., :2]
 
 
-class WorldFrame(IdentityFrame):
+class WorldFrame(Frame):
     """The world frame; observations hold the cosine and sine of the T's angle, not the angle."""
 
     def __init__(self) -> None:
