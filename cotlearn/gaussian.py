@@ -60,11 +60,6 @@ class LinearGaussian:
         )
 
     @property
-    def mean(self) -> Array:
-        """Mean of (x1, c), shape (d + k,)."""
-        return np.concatenate([self.b, np.zeros(len(self.S_c))])
-
-    @property
     def covariance(self) -> Array:
         """Covariance of (x1, c), shape (d + k, d + k)."""
         cross = self.A @ self.S_c

@@ -63,11 +63,8 @@ class Diffusion:
         a = self.alphas_cumprod.to(pairs.x0)[k][:, None]
         signal, noise = a.sqrt(), (1 - a).sqrt()
         x = signal * pairs.x1 + noise * pairs.x0
-        target = {
-            "noise": lambda: pairs.x0,
-            "data": lambda: pairs.x1,
-            "velocity": lambda: signal * pairs.x0 - noise * pairs.x1,
-        }[self.prediction]()
+        velocity = signal * pairs.x0 - noise * pairs.x1
+        target = {"noise": pairs.x0, "data": pairs.x1, "velocity": velocity}[self.prediction]
         return squared_error(network((k / self.levels).to(x), x, pairs.c), target)
 
     @torch.no_grad()

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from cotlearn.datasets import Dataset
-from cotlearn.robots.episodes.checked import Episodes
+from cotlearn.robots.episodes.checked import Episodes, window_rows
 from cotlearn.robots.registry import find_task
 from cotlearn.robots.task import Array, Frame, Task
 from cotlearn.validation import check_choice, check_count
@@ -113,15 +113,9 @@ class Windows:
         actions = episodes.action
         if check_choice(label, "label", LABELS) == "intention" and episodes.intention is not None:
             actions = episodes.intention
-        starts, ends = episodes.starts, episodes.ends
-        row = starts if self.open_loop else np.arange(len(episodes.state))
-        episode = np.searchsorted(ends, row, side="right")
-        seen = row[:, None] + np.arange(1 - self.observe, 1)
-        done = row[:, None] + np.arange(self.predict)
-        return (
-            episodes.state[np.maximum(seen, starts[episode, None])],
-            actions[np.minimum(done, ends[episode, None] - 1)],
-        )
+        step = episodes.starts if self.open_loop else np.arange(len(episodes.state))
+        before, after, _ = window_rows(step, episodes.ends, self.observe, self.predict)
+        return episodes.state[before], actions[after]
 
     def dataset(self, episodes: Episodes, *, label: str = "action") -> Dataset:
         """All windows as a `Dataset` with x1 (N, points * A) and c (N, observe * F), float32.

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from cotlearn.datasets import Dataset
+from cotlearn.robots.episodes.checked import window_rows
 from cotlearn.robots.episodes.lerobot import ACTION, AGENT, BLOCK, read_frames
 from cotlearn.robots.episodes.replay import read_buffer
 from cotlearn.validation import check_count, check_matrix, check_real, check_same_rows
@@ -121,22 +122,16 @@ def from_episodes(
         predict: number of actions in x1.
         name: name of the data.
     """
-    seen, done, last = (
-        _numbers(state, "state"),
-        _numbers(action, "action"),
-        check_real(ends, "ends"),
-    )
+    seen, done = _numbers(state, "state"), _numbers(action, "action")
+    last = check_real(ends, "ends")
     check_same_rows(seen, "state", done, "action")
     rising = last.ndim == 1 and last.dtype.kind in "iu" and len(last) > 0
     if not rising or last[-1] != len(seen) or (np.diff(last.astype(int), prepend=0) < 1).any():
         raise ValueError(f"ends must rise to the number of rows {len(seen)}, got {last}")
     check_count(observe, "observe")
     check_count(predict, "predict")
-    first = np.concatenate([[0], last[:-1]])
     step = np.arange(len(seen))
-    episode = np.searchsorted(last, step, side="right")
-    before = np.maximum(step[:, None] + np.arange(1 - observe, 1), first[episode, None])
-    after = np.minimum(step[:, None] + np.arange(predict), last[episode, None] - 1)
+    before, after, episode = window_rows(step, last, observe, predict)
     rows = from_arrays(done[after], seen[before], group=episode, name=name)
     about = f"{len(last)} episodes; {predict} actions given {observe} states; {rows.about}"
     return Rows(rows.data, rows.group, about)

@@ -13,6 +13,8 @@ from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.robots.task import Array, Task
 from cotlearn.validation import check_count, check_has, check_real
 
+Index = NDArray[np.int64]
+
 
 @dataclass(frozen=True)
 class Episodes:
@@ -35,11 +37,11 @@ class Episodes:
 
     state: Array
     action: Array
-    ends: NDArray[np.int64]
+    ends: Index
     name: str = "episodes"
     intention: Array | None = None
-    seed: NDArray[np.int64] | None = None
-    mode: NDArray[np.int64] | None = None
+    seed: Index | None = None
+    mode: Index | None = None
     task: Task = PUSH_T
 
     def __post_init__(self) -> None:
@@ -59,12 +61,12 @@ class Episodes:
         return len(self.ends)
 
     @property
-    def starts(self) -> NDArray[np.int64]:
+    def starts(self) -> Index:
         """The first row of each episode, (E,)."""
         return np.concatenate([[0], self.ends[:-1]])
 
     @property
-    def lengths(self) -> NDArray[np.int64]:
+    def lengths(self) -> Index:
         """The number of rows of each episode, (E,)."""
         return self.ends - self.starts
 
@@ -137,6 +139,25 @@ def split(
     order = np.random.default_rng(seed).permutation(len(episodes))
     kept = order[held_out:][:train]
     return episodes.select(np.sort(kept)), episodes.select(np.sort(order[:held_out]))
+
+
+def window_rows(step: Index, ends: Index, observe: int, predict: int) -> tuple[Index, Index, Index]:
+    """The rows of a window around each step: its end is repeated where an episode ends.
+
+    Args:
+        step: (n,), the rows of the present states.
+        ends: (E,), exclusive end of each episode.
+        observe: number of states, the present one the last.
+        predict: number of actions, that in the present state the first.
+
+    Returns:
+        The rows of the states (n, observe) and of the actions (n, predict), and the episodes (n,).
+    """
+    episode = np.searchsorted(ends, step, side="right")
+    first = np.concatenate([[0], ends[:-1]])[episode]
+    before = np.maximum(step[:, None] + np.arange(1 - observe, 1), first[:, None])
+    after = np.minimum(step[:, None] + np.arange(predict), ends[episode, None] - 1)
+    return before, after, episode
 
 
 def need(module: str) -> ModuleType:
