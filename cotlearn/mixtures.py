@@ -171,12 +171,8 @@ def petals(n_conditions: int = 4) -> ConditionalGaussianMixture:
     Condition k (one-hot) sits at angle 2 pi k / n on a ring of radius 4; p(x | c) has two equal
     modes at -1.2 and +1.2 along the tangent, standard deviation 0.25.
     """
-    angle = (
-        2
-        * math.pi
-        * torch.arange(validation.check_count(n_conditions, "n_conditions"))
-        / n_conditions
-    )
+    k = torch.arange(validation.check_count(n_conditions, "n_conditions"))
+    angle = 2 * math.pi * k / n_conditions
     tangent = _on_circle(angle + math.pi / 2, 1.2)
     centre = _on_circle(angle, 4.0)
     return _labelled("petals", torch.stack([centre - tangent, centre + tangent], dim=1), 0.25)

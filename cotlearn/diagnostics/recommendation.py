@@ -74,7 +74,6 @@ def recommend(
     """
     c = check_conditioned(x1, "x1", c)
     check_count(probe_steps, "probe_steps")
-    check_count(seed, "seed", minimum=0)
     couplings = candidates(x1, c)
     options: Any = {"batch_size": batch_size, "rows": rows, "probe_steps": probe_steps}
     found = frontier(x1, c, couplings, **options, seed=seed, progress=progress)

@@ -179,7 +179,6 @@ def examine(
     """
     check_count(steps, "steps")
     check_has(rows, "rows", "rows, as read_data returns them", "data", "group")
-    check_count(seed, "seed", minimum=0)
     data, (inside, outside) = rows.data, split(rows, seed=seed)
     assert data.c is not None  # `Rows` have conditions
     x, c = Standardiser.fit(data.x1[inside]), Standardiser.fit(data.c[inside])
