@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Generator, Tensor, nn
 
 from cotlearn.couplings import EmbeddedClusters, Pairs, PCAKMeansCondition
 from cotlearn.flows.matching import Loss
@@ -59,9 +59,7 @@ class CameraNetwork(nn.Module):
         """The velocity (B, d) at time t, x (B, d) and scenes c (B, k)."""
         return self.head(t, x, self.encode(c))
 
-    def encode(
-        self, c: Tensor, *, shift: int = 0, generator: torch.Generator | None = None
-    ) -> Tensor:
+    def encode(self, c: Tensor, *, shift: int = 0, generator: Generator | None = None) -> Tensor:
         """Encode scenes as the condition of the velocity field: image features and proprioception.
 
         The first four columns are the predicted pose: x and y relative to the middle of the world,
@@ -155,7 +153,7 @@ class CameraLoss:
     pose: float = 1000.0
     shift: int = 0
 
-    def __call__(self, network: Any, pairs: Pairs, generator: torch.Generator) -> Tensor:
+    def __call__(self, network: Any, pairs: Pairs, generator: Generator) -> Tensor:
         """The loss of each row, (B,), of a `CameraNetwork`, whose encoder runs once per batch."""
         assert pairs.c is not None  # scenes
         features = network.encode(pairs.c, shift=self.shift, generator=generator)
@@ -163,7 +161,7 @@ class CameraLoss:
         return value + self.pose * network.pose_error(features, pairs.c)
 
 
-def shifted(pictures: Tensor, most: int, generator: torch.Generator | None = None) -> Tensor:
+def shifted(pictures: Tensor, most: int, generator: Generator | None = None) -> Tensor:
     """Shift each image of (B, h, w, 3) by up to `most` pixels along both axes, repeating edges."""
     if not most:
         return pictures

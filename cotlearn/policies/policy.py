@@ -8,7 +8,7 @@ from typing import Any, Self, cast
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
-from torch import Tensor, nn
+from torch import Generator, Tensor, nn
 
 from cotlearn import validation
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet
@@ -69,7 +69,7 @@ class ChunkPolicy:
         """The same policy with another sampler."""
         return replace(self, sampler=sampler)
 
-    def noise(self, n: int, generator: torch.Generator | None = None) -> Tensor:
+    def noise(self, n: int, generator: Generator | None = None) -> Tensor:
         """Draw the noise (draws, n, d) that `act` needs for n rows.
 
         The first draw is the same for every sampler, so that policies can be compared on the same
@@ -97,11 +97,7 @@ class ChunkPolicy:
         return self.sampler(self.network, noise, c)
 
     def chunk(
-        self,
-        history: ArrayLike,
-        *,
-        noise: Tensor | None = None,
-        generator: torch.Generator | None = None,
+        self, history: ArrayLike, *, noise: Tensor | None = None, generator: Generator | None = None
     ) -> Array:
         """Sample chunks (B, predict, A) of actions, clipped to the limits of the task.
 
@@ -126,11 +122,7 @@ class ChunkPolicy:
         return actions.clip(*self.windows.task.action_limits)
 
     def act(
-        self,
-        history: ArrayLike,
-        *,
-        noise: Tensor | None = None,
-        generator: torch.Generator | None = None,
+        self, history: ArrayLike, *, noise: Tensor | None = None, generator: Generator | None = None
     ) -> Array:
         """The next actions (B, execute, A) to execute; arguments as for `chunk`."""
         return self.chunk(history, noise=noise, generator=generator)[:, : self.execute]
@@ -138,7 +130,7 @@ class ChunkPolicy:
     def latency(self, *, repetitions: int = 30) -> float:
         """Median seconds to sample one chunk, from state to actions."""
         validation.check_count(repetitions, "repetitions")
-        generator = torch.Generator().manual_seed(0)
+        generator = Generator().manual_seed(0)
         state = self.windows.task.vector_sim([0]).states
         history = np.repeat(state[:, None], self.windows.observe, axis=1)
         chunk = timeit.Timer(lambda: self.act(history, generator=generator))

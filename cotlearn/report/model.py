@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import torch
-from torch import Tensor, nn
+from torch import Generator, Tensor, nn
 
 from cotlearn.datasets import Standardiser
 from cotlearn.flows import VelocityMLP, integrate
@@ -29,9 +29,7 @@ class FewStepModel:
     c: Standardiser
     about: dict[str, Any]
 
-    def sample(
-        self, c: Tensor, *, nfe: int = 1, generator: torch.Generator | None = None
-    ) -> Tensor:
+    def sample(self, c: Tensor, *, nfe: int = 1, generator: Generator | None = None) -> Tensor:
         """Sample one x1 (n, d) for each row of c (n, k) with `nfe` Euler steps."""
         c = check_matrix(check_condition(c), "c", columns=len(self.c.mean))
         x0 = torch.randn(len(c), len(self.x.mean), generator=generator)
