@@ -40,14 +40,7 @@ class Recommendation:
 
 
 def recommend(
-    x1: Tensor,
-    c: Tensor,
-    *,
-    batch_size: int = 256,
-    rows: int = 4096,
-    probe_steps: int = 500,
-    seed: int = 0,
-    progress: bool | None = None,
+    x1: Tensor, c: Tensor, *, probe_steps: int = 500, seed: int = 0, **options: Any
 ) -> Recommendation:
     """Pick a coupling and its weight for data x1 (N, d) with conditions c (N, k).
 
@@ -63,11 +56,9 @@ def recommend(
     Args:
         x1: (N, d), the training data, N at least 100.
         c: (N, k), conditions; standardise them, or `combine` several, first.
-        batch_size: rows of an OT batch.
-        rows: pairs examined for each candidate in each of three repetitions.
         probe_steps: gradient steps of each candidate's probe.
         seed: of the held-out rows, the pairs and the probes.
-        progress: show a progress bar; if None, in terminals and notebooks.
+        options: more of `frontier`: batch_size, rows, repetitions, progress.
 
     Raises:
         ValueError: too few rows, or an option out of range.
@@ -75,8 +66,7 @@ def recommend(
     c = check_conditioned(x1, "x1", c)
     check_count(probe_steps, "probe_steps")
     couplings = candidates(x1, c)
-    options: Any = {"batch_size": batch_size, "rows": rows, "probe_steps": probe_steps}
-    found = frontier(x1, c, couplings, **options, seed=seed, progress=progress)
+    found = frontier(x1, c, couplings, probe_steps=probe_steps, seed=seed, **options)
     spread = between_within(x1, c, seed=seed)
     best, reason = _choose(found, spread)
     return Recommendation(best.name, couplings[best.name], reason, found, spread)

@@ -30,11 +30,8 @@ def as_array(value: Numbers, *shape: int | str) -> Array:
     if hasattr(value, "detach"):
         value = value.detach().cpu()
     array = check_real(value, "value").astype(np.float64, copy=False)
-    fits = len(shape) == array.ndim and all(
-        isinstance(wanted, str) or wanted == size
-        for wanted, size in zip(shape, array.shape, strict=True)
-    )
-    if shape and not fits:
+    wanted = [got if isinstance(n, str) else n for n, got in zip(shape, array.shape, strict=False)]
+    if shape and (len(shape) != array.ndim or tuple(wanted) != array.shape):
         raise ValueError(
             f"expected an array of shape ({', '.join(map(str, shape))}), got {array.shape}"
         )

@@ -173,9 +173,25 @@ Given: TypeAlias = _ByAutodiff | _Layers
 
 
 class _InputConvex(ConvexPotential):
-    """Base class of `ICNN` and `PICNN`: their shared parameters."""
+    """Base class of `ICNN` and `PICNN`: their shared parameters.
 
-    def __init__(self, dim: int, condition_dim: int, width: int, depth: int, alpha: float) -> None:
+    Args:
+        dim: d, columns of x.
+        condition_dim: k, columns of c.
+        width: neurons of each hidden layer.
+        depth: hidden layers.
+        alpha: lower bound of the eigenvalues of the Hessian in x, at least 0.01.
+    """
+
+    def __init__(
+        self,
+        dim: int,
+        condition_dim: int,
+        *,
+        width: int = 64,
+        depth: int = 3,
+        alpha: float = SMALLEST_ALPHA,
+    ) -> None:
         super().__init__(dim, condition_dim)
         self.alpha = check_number(alpha, "alpha", minimum=SMALLEST_ALPHA)
         shape = check_count(depth, "depth"), check_count(width, "width")
@@ -208,23 +224,14 @@ class ICNN(_InputConvex):
 
     Args:
         dim: d, columns of x.
-        width: neurons of each hidden layer.
-        depth: hidden layers.
-        alpha: lower bound of the Hessian's eigenvalues, at least 0.01.
         seed: of the initial weights; torch's global randomness if None.
+        options: width = 64, the neurons of each hidden layer; depth = 3 hidden layers; and alpha =
+            0.01, the lower bound of the Hessian's eigenvalues, not less.
     """
 
-    def __init__(
-        self,
-        dim: int,
-        *,
-        width: int = 64,
-        depth: int = 3,
-        alpha: float = SMALLEST_ALPHA,
-        seed: int | None = None,
-    ) -> None:
+    def __init__(self, dim: int, *, seed: int | None = None, **options: Any) -> None:
         with seeded(seed):
-            super().__init__(dim, 0, width, depth, alpha)
+            super().__init__(dim, 0, **options)
         self.b = nn.Parameter(torch.zeros(dim))
 
     def given(self, c: Tensor | None) -> _Layers:
@@ -273,11 +280,9 @@ class PICNN(_InputConvex):
     Args:
         dim: d, columns of x.
         condition_dim: k, columns of c, at least 1.
-        width: neurons of each hidden layer.
-        depth: hidden layers.
         condition_width: neurons of each of the two hidden layers that take c.
-        alpha: lower bound of the eigenvalues of the Hessian in x, at least 0.01.
         seed: of the initial weights; torch's global randomness if None.
+        options: width, depth and alpha, as for `ICNN`.
     """
 
     def __init__(
@@ -285,17 +290,16 @@ class PICNN(_InputConvex):
         dim: int,
         condition_dim: int,
         *,
-        width: int = 64,
-        depth: int = 3,
         condition_width: int = 64,
-        alpha: float = SMALLEST_ALPHA,
         seed: int | None = None,
+        **options: Any,
     ) -> None:
         k, n = check_count(condition_dim, "condition_dim"), condition_width
         with seeded(seed):
-            super().__init__(dim, k, width, depth, alpha)
+            super().__init__(dim, k, **options)
+            changed = self.body["s"].numel() + self.body["raw_w"].numel()
             self.gaussian = _condition_network(k, n, dim + dim * dim)
-            self.shape = _condition_network(k, n, (depth + 1) * width + dim * dim)
+            self.shape = _condition_network(k, n, changed + dim * dim)
 
     def given(self, c: Any) -> _Layers:
         """The network as a function of x alone, for fixed conditions c (B, k)."""
