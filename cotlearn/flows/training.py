@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,6 @@ class FitResult:
     history: dict[str, NDArray[np.float64]]
 
 
-@dataclass
 class _State:
     """The state of a training; `plan` holds the options that must not change when it resumes.
 
@@ -50,17 +49,18 @@ class _State:
     takes as long as the step of a small network's optimizer.
     """
 
-    network: nn.Module
-    averaged: nn.Module
-    weights: list[Tensor]
-    averages: list[Tensor]
-    optimizer: torch.optim.Adam
-    coupling: Coupling
-    plan: dict[str, Any]
-    step: int = 0
-    seconds: float = 0.0
-    unlogged: list[Tensor] = field(default_factory=list)
-    log: list[tuple[float, float, float]] = field(default_factory=list)
+    def __init__(self, network: nn.Module, coupling: Coupling, plan: dict[str, Any]) -> None:
+        self.network = copy.deepcopy(network).train()
+        if not any(p.requires_grad for p in network.parameters()):  # a network that `fit` returned
+            self.network.requires_grad_(True)
+        self.averaged = copy.deepcopy(network).requires_grad_(False).eval()
+        self.weights: list[Tensor] = list(self.network.parameters())
+        self.averages: list[Tensor] = list(self.averaged.parameters())
+        self.optimizer = torch.optim.Adam(self.weights, lr=plan["learning_rate"], fused=True)
+        self.coupling, self.plan = coupling, plan
+        self.step, self.seconds = 0, 0.0
+        self.unlogged: list[Tensor] = []
+        self.log: list[tuple[float, ...]] = []
 
 
 def fit(
@@ -139,7 +139,7 @@ def fit(
     }
     if checkpoint is not None:
         plan |= fingerprint(network, data, source, loss)
-    state = _start(network, coupling, plan)
+    state = _State(network, coupling, plan)
     if checkpoint is not None and Path(checkpoint).exists():
         _load(checkpoint, state)
     first, device = state.step, next(network.parameters()).device
@@ -192,17 +192,6 @@ def _printed(value: Any) -> str:
     return str(kind.__qualname__) if kind.__repr__ is object.__repr__ else repr(value)
 
 
-def _start(network: nn.Module, coupling: Coupling, plan: dict[str, Any]) -> _State:
-    trained = copy.deepcopy(network).train()
-    if not any(p.requires_grad for p in trained.parameters()):  # a network that `fit` returned
-        trained.requires_grad_(True)
-    averaged = copy.deepcopy(network).requires_grad_(False).eval()
-    weights: list[Tensor] = list(trained.parameters())
-    averages: list[Tensor] = list(averaged.parameters())
-    optimizer = torch.optim.Adam(weights, lr=plan["learning_rate"], fused=True)
-    return _State(trained, averaged, weights, averages, optimizer, coupling, plan)
-
-
 def _gradient_step(state: _State, pairs: Pairs, loss: Loss) -> None:
     plan, step = state.plan, state.step
     if plan["schedule"] == "cosine":
@@ -215,14 +204,11 @@ def _gradient_step(state: _State, pairs: Pairs, loss: Loss) -> None:
     value.backward()
     state.optimizer.step()
     state.unlogged.append(value.detach())
-    _average(state, min(plan["ema"], (1 + step) / (10 + step)))
-
-
-@torch.no_grad()
-def _average(state: _State, decay: float) -> None:
-    torch._foreach_lerp_(state.averages, state.weights, 1 - decay)
-    for buffer, now in zip(state.averaged.buffers(), state.network.buffers(), strict=True):
-        buffer.copy_(now)
+    decay = min(plan["ema"], (1 + step) / (10 + step))
+    with torch.no_grad():
+        torch._foreach_lerp_(state.averages, state.weights, 1 - decay)
+        for buffer, now in zip(state.averaged.buffers(), state.network.buffers(), strict=True):
+            buffer.copy_(now)
 
 
 def _log(state: _State, bar: Any) -> None:
