@@ -237,8 +237,9 @@ def _interrupt_between_steps() -> Iterator[threading.Event]:
         return
 
     def note(signum: int, frame: Any) -> None:
+        if event.is_set():
+            raise KeyboardInterrupt
         event.set()
-        signal.signal(signal.SIGINT, before)
 
     before = signal.signal(signal.SIGINT, note)
     try:

@@ -1,9 +1,7 @@
 """The findings as one self-contained HTML page, with figures inside and without scripts."""
 
 import base64
-import importlib.metadata
 import io
-import platform
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,8 +12,7 @@ from matplotlib.figure import Figure
 from cotlearn import plots
 from cotlearn.files import write_text
 from cotlearn.report.findings import NFE, Findings
-
-PACKAGES = ("cotlearn", "torch", "numpy", "scipy", "scikit-learn", "POT")
+from cotlearn.results import machine
 
 
 def write_page(
@@ -49,8 +46,7 @@ def write_page(
         score_figure=_figure(plots.error_against_nfe, NFE, scores, **chart),
         command=command,
         model=model and Path(model).name,
-        versions={"python": platform.python_version()}
-        | {name: importlib.metadata.version(name) for name in PACKAGES},
+        versions=machine("cotlearn", "scikit-learn", "POT")["versions"],
     )
     write_text(path, text)
     return Path(path)
