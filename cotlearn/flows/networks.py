@@ -1,7 +1,6 @@
 """Velocity networks and an image encoder."""
 
 import contextlib
-import functools
 import itertools
 import math
 from collections.abc import Iterator
@@ -14,6 +13,8 @@ from cotlearn.validation import check_count
 
 _TIME_FEATURES = 32
 _GROUPS = 8  #: of the group normalisation, as in Diffusion Policy
+_UPPER, _LOWER, _KERNEL = 64, 128, 5  #: of the U-Net: channels of its levels, length of its filters
+_CONTEXT = 64  #: size of its embedding of time and condition
 
 
 class _Network(nn.Module):
@@ -156,84 +157,57 @@ class TemporalUNet(_Network):
     """A 1D U-Net over the time steps of an action chunk, as in Diffusion Policy (2303.04137).
 
     x of shape (B, steps * channels) is reshaped to (B, steps, channels). Time and condition scale
-    and shift the channels of every block (FiLM).
+    and shift the channels of every block (FiLM). The lower of the two levels has half the time
+    steps.
 
     Args:
-        steps: time steps of a chunk; a multiple of 2 ** (len(widths) - 1).
+        steps: time steps of a chunk, even.
         channels: numbers at each time step.
         condition_dim: k, columns of c; 0 for no condition.
-        widths: channels of each level, each a multiple of 8; time is halved between levels.
-        kernel: length of the filters, odd.
-        context: size of the embedding of time and condition.
         seed: of the initial weights; torch's global randomness if None.
     """
 
     def __init__(
-        self,
-        steps: int,
-        channels: int,
-        condition_dim: int = 0,
-        *,
-        widths: tuple[int, ...] = (64, 128),
-        kernel: int = 5,
-        context: int = 64,
-        seed: int | None = None,
+        self, steps: int, channels: int, condition_dim: int = 0, *, seed: int | None = None
     ) -> None:
         super().__init__(
             check_count(steps, "steps") * check_count(channels, "channels"), condition_dim
         )
-        if not widths:
-            raise ValueError("widths is empty: give at least one")
-        if steps % 2 ** (len(widths) - 1) or kernel % 2 == 0:
-            raise ValueError(
-                f"steps must be a multiple of {2 ** (len(widths) - 1)} for {len(widths)} levels, "
-                f"and kernel odd, got {steps} and {kernel}"
-            )
+        if steps % 2:
+            raise ValueError(f"steps must be a multiple of 2 for 2 levels, got {steps}")
         self.steps, self.channels = steps, channels
-        self.sizes: dict[str, Any] = {"steps": steps, "channels": channels, "kernel": kernel}
-        self.sizes |= {"condition_dim": condition_dim, "widths": widths, "context": context}
+        self.sizes = {"steps": steps, "channels": channels, "condition_dim": condition_dim}
         self.time = TimeFeatures(_TIME_FEATURES)
-        below = list(itertools.pairwise(widths))
         with seeded(seed):
             self.context = nn.Sequential(
-                nn.Linear(_TIME_FEATURES + condition_dim, context), nn.Mish()
+                nn.Linear(_TIME_FEATURES + condition_dim, _CONTEXT), nn.Mish()
             )
-            block = functools.partial(_FilmBlock, kernel=kernel, context=context)
-            befores = (channels, *widths[:-1])
-            self.down = nn.ModuleList(block(a, b) for a, b in zip(befores, widths, strict=True))
-            self.shorten = nn.ModuleList(nn.Conv1d(a, a, 3, stride=2, padding=1) for a, _ in below)
-            self.middle = block(widths[-1], widths[-1])
-            self.lengthen = nn.ModuleList(
-                nn.ConvTranspose1d(b, a, 4, stride=2, padding=1) for a, b in below
-            )
-            self.up = nn.ModuleList(block(2 * a, a) for a, _ in below)
-            self.last = nn.Conv1d(widths[0], channels, 1)
+            self.upper = _FilmBlock(channels, _UPPER)
+            self.lower = _FilmBlock(_UPPER, _LOWER)
+            self.shorten = nn.Conv1d(_UPPER, _UPPER, 3, stride=2, padding=1)
+            self.middle = _FilmBlock(_LOWER, _LOWER)
+            self.lengthen = nn.ConvTranspose1d(_LOWER, _UPPER, 4, stride=2, padding=1)
+            self.up = _FilmBlock(2 * _UPPER, _UPPER)
+            self.last = nn.Conv1d(_UPPER, channels, 1)
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
         """The velocity, shape (B, steps * channels); arguments as for `VelocityMLP`."""
         time, condition = self._inputs(t, x, c)
         context = self.context(torch.cat([self.time(time), condition], dim=1))
         h = x.reshape(len(x), self.steps, self.channels).transpose(1, 2)
-        skipped = []
-        for block, shorten in itertools.zip_longest(self.down, self.shorten):
-            h = block(h, context)
-            if shorten is not None:
-                skipped.append(h)
-                h = shorten(h)
-        h = self.middle(h, context)
-        for lengthen, block in zip(reversed(self.lengthen), reversed(self.up), strict=True):
-            h = block(torch.cat([lengthen(h), skipped.pop()], dim=1), context)
+        upper = self.upper(h, context)
+        h = self.middle(self.lower(self.shorten(upper), context), context)
+        h = self.up(torch.cat([self.lengthen(h), upper], dim=1), context)
         return self.last(h).transpose(1, 2).reshape(x.shape)
 
 
 class _FilmBlock(nn.Module):
     """Two convolutions over time, scaled and shifted by the context, and a skip connection."""
 
-    def __init__(self, before: int, after: int, *, kernel: int, context: int) -> None:
+    def __init__(self, before: int, after: int) -> None:
         super().__init__()
-        self.first = _convolution(before, after, kernel)
-        self.second = _convolution(after, after, kernel)
-        self.film = nn.Linear(context, 2 * after)
+        self.first, self.second = _convolution(before, after), _convolution(after, after)
+        self.film = nn.Linear(_CONTEXT, 2 * after)
         self.round = nn.Conv1d(before, after, 1) if before != after else nn.Identity()
 
     def forward(self, h: Tensor, context: Tensor) -> Tensor:
@@ -241,8 +215,8 @@ class _FilmBlock(nn.Module):
         return self.second((1 + scale) * self.first(h) + shift) + self.round(h)
 
 
-def _convolution(before: int, after: int, kernel: int) -> nn.Sequential:
-    filters = nn.Conv1d(before, after, kernel, padding=kernel // 2)
+def _convolution(before: int, after: int) -> nn.Sequential:
+    filters = nn.Conv1d(before, after, _KERNEL, padding=_KERNEL // 2)
     return nn.Sequential(filters, nn.GroupNorm(_GROUPS, after), nn.Mish())
 
 

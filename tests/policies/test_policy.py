@@ -83,7 +83,7 @@ def test_save_and_load(windows, history, tmp_path, sampler, kind):
     if kind == "mlp":
         network = ResidualMLP(32, 12, width=24, blocks=2, context=8, seed=1)
     else:
-        network = TemporalUNet(16, 2, 12, widths=(8, 16), kernel=3, context=16, seed=1)
+        network = TemporalUNet(16, 2, 12, seed=1)
     policy = ChunkPolicy(network, windows, sampler, execute=4, about={"seed": 1})
     path = tmp_path / "policy.safetensors"
     policy.save(path)
