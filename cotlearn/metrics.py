@@ -17,6 +17,7 @@ CONFIDENCE = 0.95  #: level of all intervals
 STEPS = 64  #: Euler steps of `straightness`
 #: `sample(c, generator=g)` draws one row for each row of c, shape (n, d).
 ConditionalSampler: TypeAlias = Callable[..., Tensor]
+Interval: TypeAlias = tuple[float, float]  #: its ends, low and high
 
 
 class ConditionalData(Protocol):
@@ -167,7 +168,7 @@ def straightness(
     return float((velocities - (states[-1] - states[0])).square().sum(dim=2).mean())
 
 
-def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+def wilson_interval(successes: int, trials: int) -> Interval:
     """Wilson's 95 % interval for a probability of success, both ends in [0, 1].
 
     Args:
@@ -184,9 +185,7 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def bootstrap_interval(
-    values: ArrayLike, *, seed: int = 0, resamples: int = 10_000
-) -> tuple[float, float]:
+def bootstrap_interval(values: ArrayLike, *, seed: int = 0, resamples: int = 10_000) -> Interval:
     """The 95 % percentile bootstrap interval of the mean.
 
     Args:
@@ -230,7 +229,7 @@ def paired_bootstrap(
     return float(difference.mean()), *_percentiles(means)
 
 
-def _percentiles(means: NDArray[np.float64]) -> tuple[float, float]:
+def _percentiles(means: NDArray[np.float64]) -> Interval:
     low, high = np.quantile(means, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return float(low), float(high)
 

@@ -86,7 +86,7 @@ def deployment_gap(
 
 @dataclass(frozen=True)
 class ErrorBudget:
-    """A squared W2 split into four parts; `total` is their sum.
+    """A squared W2 split into four parts, of which it is the sum.
 
     Attributes:
         floor: squared W2 between two fresh samples of the data.
@@ -100,11 +100,6 @@ class ErrorBudget:
     coupling: float
     discretisation: float
     network: float
-
-    @property
-    def total(self) -> float:
-        """The network's squared W2."""
-        return self.floor + self.coupling + self.discretisation + self.network
 
 
 def error_budget(

@@ -17,11 +17,10 @@ from cotlearn.diagnostics import skew
 from cotlearn.diagnostics.probe import one_step_scores
 from cotlearn.diagnostics.skew import LinearSkew
 from cotlearn.diagnostics.spread import local_variance
-from cotlearn.metrics import bootstrap_interval, joint_squared_w2
+from cotlearn.metrics import Interval, bootstrap_interval, joint_squared_w2
 from cotlearn.progress import progress_bar
 from cotlearn.validation import check_count, check_has
 
-Interval = tuple[float, float]
 FEWEST = 100  #: rows of data
 NEIGHBOURS = 10  #: for the estimates of E[x1 | x0, c] and Var(x1 | x0, c)
 RESAMPLES = 500  #: of the bootstrap

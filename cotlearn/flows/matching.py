@@ -10,6 +10,7 @@ from torch import Tensor
 from cotlearn.couplings.base import Pairs
 from cotlearn.validation import check_choice, check_function, check_shape, check_share
 
+Time: TypeAlias = Tensor | float  #: the time of all rows, or of each, (B,)
 #: A velocity field: (t, x, c) -> (B, d), with t a number or of shape (B,).
 Velocity: TypeAlias = Callable[[Tensor, Tensor, Tensor | None], Tensor]
 #: A loss: (network, pairs, generator) -> one value per row of the pairs, shape (B,).

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from cotlearn.validation import check_count
 
-_TIME_FEATURES = 32
+_TIME_SIZE = 32
 _GROUPS = 8  #: of the group normalisation, as in Diffusion Policy
 _UPPER, _LOWER, _KERNEL = 64, 128, 5  #: of the U-Net: channels of its levels, length of its filters
 _CONTEXT = 64  #: size of its embedding of time and condition
@@ -119,11 +119,9 @@ class ResidualMLP(_Network):
         check_count(context, "context")
         self.sizes: dict[str, Any] = {"dim": dim, "condition_dim": condition_dim, "width": width}
         self.sizes |= {"blocks": blocks, "context": context}  # to build it again from a file
-        self.time = TimeFeatures(_TIME_FEATURES)
+        self.time = TimeFeatures(_TIME_SIZE)
         with seeded(seed):
-            self.context = nn.Sequential(
-                nn.Linear(_TIME_FEATURES + condition_dim, context), nn.SiLU()
-            )
+            self.context = nn.Sequential(nn.Linear(_TIME_SIZE + condition_dim, context), nn.SiLU())
             self.first = nn.Linear(dim + condition_dim, width)
             self.blocks = nn.ModuleList(
                 _ResidualBlock(width, context) for _ in range(check_count(blocks, "blocks"))
@@ -170,18 +168,15 @@ class TemporalUNet(_Network):
     def __init__(
         self, steps: int, channels: int, condition_dim: int = 0, *, seed: int | None = None
     ) -> None:
-        super().__init__(
-            check_count(steps, "steps") * check_count(channels, "channels"), condition_dim
-        )
+        dim = check_count(steps, "steps") * check_count(channels, "channels")
+        super().__init__(dim, condition_dim)
         if steps % 2:
             raise ValueError(f"steps must be a multiple of 2 for 2 levels, got {steps}")
         self.steps, self.channels = steps, channels
         self.sizes = {"steps": steps, "channels": channels, "condition_dim": condition_dim}
-        self.time = TimeFeatures(_TIME_FEATURES)
+        self.time = TimeFeatures(_TIME_SIZE)
         with seeded(seed):
-            self.context = nn.Sequential(
-                nn.Linear(_TIME_FEATURES + condition_dim, _CONTEXT), nn.Mish()
-            )
+            self.context = nn.Sequential(nn.Linear(_TIME_SIZE + condition_dim, _CONTEXT), nn.Mish())
             self.upper = _FilmBlock(channels, _UPPER)
             self.lower = _FilmBlock(_UPPER, _LOWER)
             self.shorten = nn.Conv1d(_UPPER, _UPPER, 3, stride=2, padding=1)
@@ -231,10 +226,8 @@ class SpatialSoftmax(nn.Module):
     def forward(self, h: Tensor) -> Tensor:
         """The mean positions (B, 2 C) of h (B, C, h, w)."""
         share = h.flatten(2).softmax(dim=2).view(h.shape)
-        down, right = (
-            torch.linspace(-1, 1, n, dtype=h.dtype, device=h.device) for n in h.shape[2:]
-        )
-        return torch.cat([share.sum(dim=2) @ right, share.sum(dim=3) @ down], dim=1)
+        y, x = (torch.linspace(-1, 1, n, dtype=h.dtype, device=h.device) for n in h.shape[2:])
+        return torch.cat([share.sum(dim=2) @ x, share.sum(dim=3) @ y], dim=1)
 
 
 class ImageEncoder(nn.Module):

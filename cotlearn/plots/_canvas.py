@@ -32,9 +32,8 @@ def as_array(value: Numbers, *shape: int | str) -> Array:
     array = check_real(value, "value").astype(np.float64, copy=False)
     wanted = [got if isinstance(n, str) else n for n, got in zip(shape, array.shape, strict=False)]
     if shape and (len(shape) != array.ndim or tuple(wanted) != array.shape):
-        raise ValueError(
-            f"expected an array of shape ({', '.join(map(str, shape))}), got {array.shape}"
-        )
+        expected = ", ".join(map(str, shape))
+        raise ValueError(f"expected an array of shape ({expected}), got {array.shape}")
     return array
 
 

@@ -43,10 +43,8 @@ def frontier(
     """
     shown = list(points)
     names = [point.name for point in shown]
-    x = np.array([_low_value_high(p.skew, p.skew_interval) for p in shown])
-    y = np.array(
-        [_low_value_high(p.one_step_variance, p.one_step_variance_interval) for p in shown]
-    )
+    x = np.array([_with_ends(p.skew, p.skew_interval) for p in shown])
+    y = np.array([_with_ends(p.one_step_variance, p.one_step_variance_interval) for p in shown])
     ax = open_axes(ax, (6.4, 4.2))
     joined = [names.index(name) for name in curve]
     ax.plot(x[joined, 1], y[joined, 1], color=COLORS["conditional_ot"], lw=1.0, alpha=0.5, zorder=1)
@@ -66,7 +64,7 @@ def frontier(
     return ax
 
 
-def _low_value_high(value: float, interval: tuple[float, float]) -> list[float]:
+def _with_ends(value: float, interval: tuple[float, float]) -> list[float]:
     """The ends of an interval, and the value between: rounding may put it beside one."""
     return [min(interval[0], value), value, max(interval[1], value)]
 

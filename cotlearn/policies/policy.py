@@ -21,9 +21,7 @@ from cotlearn.robots.task import Array
 from cotlearn.storage import load_tensors, save_tensors
 
 _FITTED = "fitted."  #: prefix of the coupling's tensors in a file
-_NETWORKS: dict[str, Any] = {
-    kind.__name__: kind for kind in (ResidualMLP, TemporalUNet, CameraNetwork)
-}
+_NETWORKS: dict[str, Any] = {k.__name__: k for k in (ResidualMLP, TemporalUNet, CameraNetwork)}
 _NETWORKS["MeanVelocity"] = lambda **sizes: MeanVelocity(ResidualMLP(**sizes))
 
 

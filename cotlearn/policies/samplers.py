@@ -82,9 +82,8 @@ class FlowSampler(Sampler):
 
 def diffusion_of(prediction: str, levels: int = 100, clip: float | None = None) -> Diffusion:
     """The diffusion model of a prediction: with zero terminal SNR where that can be sampled."""
-    return Diffusion(
-        levels, clip=clip, prediction=prediction, zero_terminal_snr=prediction != "noise"
-    )
+    exact = prediction != "noise"
+    return Diffusion(levels, clip=clip, prediction=prediction, zero_terminal_snr=exact)
 
 
 @dataclass(frozen=True)

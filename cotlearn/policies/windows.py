@@ -178,10 +178,8 @@ class Windows:
 
         here = self._frame.to_frame(history[:, -1:, : values.shape[-1]], history)
         times = np.concatenate([[0], self._knot_steps])
-        curve = CubicSpline(
-            times, np.concatenate([here, values], axis=1), axis=1, bc_type="clamped"
-        )
-        return np.asarray(curve(np.arange(1, self.predict + 1)))
+        path = CubicSpline(times, np.concatenate([here, values], axis=1), axis=1, bc_type="clamped")
+        return np.asarray(path(np.arange(1, self.predict + 1)))
 
 
 def _range(values: Array) -> Array:

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from cotlearn.couplings.base import Pairs
-from cotlearn.flows.matching import interpolate, uniform_times
+from cotlearn.flows.matching import Time, interpolate, uniform_times
 from cotlearn.flows.networks import VelocityMLP
 from cotlearn.potentials.convex import ConvexPotential
 from cotlearn.potentials.optimal_flow import straight_line
@@ -41,14 +41,12 @@ class ActionMLP(nn.Module):
         self.network = VelocityMLP(dim, condition_dim, **options)
         self.dim, self.condition_dim = dim, condition_dim
 
-    def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+    def forward(self, t: Time, x: Tensor, c: Tensor | None = None) -> Tensor:
         """s_t(x; c), shape (B,), for t a number or of shape (B,), in [0, 1]."""
         s: Tensor = (self.network(t, x, c) * x).sum(dim=1)
         return s
 
-    def derivatives(
-        self, t: Tensor | float, x: Tensor, c: Tensor | None = None
-    ) -> tuple[Tensor, Tensor]:
+    def derivatives(self, t: Time, x: Tensor, c: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """ds/dt of shape (B,) and grad s of shape (B, d), differentiable in the weights."""
         keep = torch.is_grad_enabled()
         with torch.enable_grad():
@@ -58,7 +56,7 @@ class ActionMLP(nn.Module):
             by_t, by_x = torch.autograd.grad(s, (time, x), create_graph=keep)
         return by_t, by_x
 
-    def velocity(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+    def velocity(self, t: Time, x: Tensor, c: Tensor | None = None) -> Tensor:
         """grad s_t(x; c), shape (B, d), the velocity field for `integrate`."""
         return self.derivatives(t, x, c)[1]
 
@@ -79,7 +77,7 @@ class OptimalAction(nn.Module):
         self.potential = check_has(potential, "potential", "a ConvexPotential", "given")
         self.dim, self.condition_dim = potential.dim, potential.condition_dim
 
-    def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+    def forward(self, t: Time, x: Tensor, c: Tensor | None = None) -> Tensor:
         """s_t(x; c), shape (B,); its gradient in the parameters is exact (envelope theorem)."""
         time = check_times(t, x)
         z0, u = straight_line(self.potential, time, x, c)
@@ -87,14 +85,12 @@ class OptimalAction(nn.Module):
         value: Tensor = time / 2 * u.square().sum(dim=1) + start
         return value
 
-    def derivatives(
-        self, t: Tensor | float, x: Tensor, c: Tensor | None = None
-    ) -> tuple[Tensor, Tensor]:
+    def derivatives(self, t: Time, x: Tensor, c: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """ds/dt = -|u|^2/2 of shape (B,) and grad s = u of shape (B, d), without a graph."""
         u = self.velocity(t, x, c)
         return -u.square().sum(dim=1) / 2, u
 
-    def velocity(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+    def velocity(self, t: Time, x: Tensor, c: Tensor | None = None) -> Tensor:
         """u_t(x; c) = grad s_t(x; c), shape (B, d)."""
         return straight_line(self.potential, t, x, c)[1]
 

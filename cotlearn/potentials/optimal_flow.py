@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
-from cotlearn.flows.matching import interpolate, uniform_times
+from cotlearn.flows.matching import Time, interpolate, uniform_times
 from cotlearn.potentials.convex import ConvexPotential, Given
 from cotlearn.potentials.inversion import solve, solve_curvature
 from cotlearn.validation import check_has, check_inputs, check_same_rows, check_times
@@ -47,9 +47,7 @@ def optimal_flow_matching_loss(
     return optimal_flow_matching_loss_at(potential, pairs, uniform_times(pairs, generator))
 
 
-def optimal_flow_matching_loss_at(
-    potential: ConvexPotential, pairs: Pairs, t: Tensor | float
-) -> Tensor:
+def optimal_flow_matching_loss_at(potential: ConvexPotential, pairs: Pairs, t: Time) -> Tensor:
     """`optimal_flow_matching_loss` at given times: a number or shape (B,), in [0, 1]."""
     x0, x1, t = pairs.x0, pairs.x1, check_times(t, pairs.x0)
     x_t, given = interpolate(x0, x1, t), potential.given(pairs.c)
@@ -144,14 +142,14 @@ class OptimalField:
         self.potential = check_has(potential, "potential", "a ConvexPotential", "given")
         self.dim, self.condition_dim = potential.dim, potential.condition_dim
 
-    def __call__(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
+    def __call__(self, t: Time, x: Tensor, c: Tensor | None = None) -> Tensor:
         """The velocity (B, d) at x (B, d) and t in [0, 1], a number or of shape (B,)."""
         return straight_line(self.potential, t, x, c)[1]
 
 
 @torch.no_grad()
 def straight_line(
-    potential: ConvexPotential, t: Tensor | float, x: Tensor, c: Tensor | None = None
+    potential: ConvexPotential, t: Time, x: Tensor, c: Tensor | None = None
 ) -> tuple[Tensor, Tensor]:
     """Start z0 and velocity u = grad Psi(z0) - z0 of the line that passes x at time t.
 

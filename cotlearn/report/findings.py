@@ -186,9 +186,7 @@ def examine(
         raise ValueError(f"{data.name}: x1 does not vary, there is nothing to learn")
     x1, condition = x(data.x1), c(data.c)
     train, test = (Dataset(x1[part], condition[part], data.name) for part in (inside, outside))
-    advice = recommend(
-        x1[inside], condition[inside], rows=pairs, probe_steps=probe_steps, seed=seed
-    )
+    advice = recommend(train.x1, train.c, rows=pairs, probe_steps=probe_steps, seed=seed)
     couplings: dict[str, Coupling] = {"independent": Independent(), advice.name: advice.coupling}
     g = torch.Generator().manual_seed(seed)
     noise = torch.randn(DRAWS, *test.x1.shape, generator=g)  # the same for every network
@@ -205,11 +203,9 @@ def examine(
             seed=seed,
             checkpoint=checkpoints and f"{checkpoints}.{word}.training.safetensors",
         ).network
-        samples = [
-            torch.stack([integrate(network, z, test.c, nfe=n).x1 for z in noise]) for n in NFE
-        ]
-        scores = torch.stack([energy_scores(drawn, test.x1) for drawn in samples])
-        spread = torch.stack([drawn.var(dim=0).sum(dim=1).mean() for drawn in samples])
+        made = [torch.stack([integrate(network, z, test.c, nfe=n).x1 for z in noise]) for n in NFE]
+        scores = torch.stack([energy_scores(drawn, test.x1) for drawn in made])
+        spread = torch.stack([drawn.var(dim=0).sum(dim=1).mean() for drawn in made])
         model = FewStepModel(network, x, c, about)
         trials.append(Trial(name, coupling.name, scores, spread, model))
     settings = {"seed": seed, "steps": steps, "probe_steps": probe_steps, "pairs": pairs}

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from cotlearn.couplings.base import Pairs
-from cotlearn.flows.matching import interpolate, squared_error
+from cotlearn.flows.matching import Time, interpolate, squared_error
 from cotlearn.validation import check_count, check_inputs, check_share
 
 #: Of log(t / (1 - t)), which has deviation 1. (The paper's -0.4 counts time from the data.)
@@ -36,9 +36,7 @@ class MeanVelocity(nn.Module):
         self.dim, self.sizes = self.network.dim, getattr(network, "sizes", {})
         self.condition_dim = check_count(self.network.condition_dim, "condition_dim") - 1
 
-    def forward(
-        self, t: Tensor, x: Tensor, c: Tensor | None = None, length: Tensor | float = 0.0
-    ) -> Tensor:
+    def forward(self, t: Tensor, x: Tensor, c: Tensor | None = None, length: Time = 0.0) -> Tensor:
         """The mean velocity (B, d) from t to t + length, each a number or of shape (B,)."""
         column = torch.as_tensor(length, dtype=x.dtype, device=x.device).expand(len(x))[:, None]
         return self.network(t, x, column if c is None else torch.cat([c.to(x), column], dim=1))
