@@ -55,8 +55,7 @@ def _code(loss: Any) -> list[Any]:
 
 def _instructions(code: CodeType) -> list[Any]:
     constants = [
-        _instructions(value) if isinstance(value, CodeType) else repr(value)
-        for value in code.co_consts
+        _instructions(one) if isinstance(one, CodeType) else repr(one) for one in code.co_consts
     ]
     return [code.co_code.hex(), list(code.co_names), constants]
 

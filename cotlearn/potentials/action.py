@@ -17,8 +17,8 @@ from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Time, interpolate, uniform_times
 from cotlearn.flows.networks import VelocityMLP
 from cotlearn.potentials.convex import ConvexPotential
-from cotlearn.potentials.optimal_flow import straight_line
-from cotlearn.validation import check_has, check_shape, check_times
+from cotlearn.potentials.optimal_flow import OptimalField, straight_line
+from cotlearn.validation import check_shape, check_times
 
 #: Interpolates: x_t of shape (B, d) from x0 and x1 of shape (B, d) and t of shape (B,).
 Path: TypeAlias = Callable[[Tensor, Tensor, Tensor], Tensor]
@@ -70,11 +70,14 @@ class OptimalAction(nn.Module):
 
     Args:
         potential: Psi; the action has no other parameters.
+
+    Attributes:
+        velocity: u_t(x; c) = grad s_t(x; c), an `OptimalField`.
     """
 
     def __init__(self, potential: ConvexPotential) -> None:
         super().__init__()
-        self.potential = check_has(potential, "potential", "a ConvexPotential", "given")
+        self.potential, self.velocity = potential, OptimalField(potential)
         self.dim, self.condition_dim = potential.dim, potential.condition_dim
 
     def forward(self, t: Time, x: Tensor, c: Tensor | None = None) -> Tensor:
@@ -89,10 +92,6 @@ class OptimalAction(nn.Module):
         """ds/dt = -|u|^2/2 of shape (B,) and grad s = u of shape (B, d), without a graph."""
         u = self.velocity(t, x, c)
         return -u.square().sum(dim=1) / 2, u
-
-    def velocity(self, t: Time, x: Tensor, c: Tensor | None = None) -> Tensor:
-        """u_t(x; c) = grad s_t(x; c), shape (B, d)."""
-        return straight_line(self.potential, t, x, c)[1]
 
 
 def action_matching_loss(

@@ -147,13 +147,9 @@ class ArmVectorSim:
         error = np.linalg.norm(states[:, task.TIP] - states[:, task.GOAL], axis=1)
         success = self.done & ~self._collision & (error <= task.SUCCESS)
         mode = np.where(success, mode_of_path(self._paths, self.kind), -1)
-        return {
-            "success": success.astype(np.float64),
-            "collision": self._collision.astype(np.float64),
-            "goal_error": error,
-            "unreachable": self._missed.astype(np.float64),
-            "mode": mode.astype(np.float64),
-        }
+        found = {"success": success, "collision": self._collision, "goal_error": error}
+        found |= {"unreachable": self._missed, "mode": mode}
+        return {name: values.astype(np.float64) for name, values in found.items()}
 
     def touched(self) -> list[str]:
         """The name of the object that each arm touches, (n,); "" for none."""

@@ -7,7 +7,6 @@ show more than 48 x 48 binary ones.
 """
 
 import functools
-from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -52,10 +51,7 @@ def rasterise(states: ArrayLike | Tensor, *, size: int = 96) -> Tensor:
 
 
 def draw(
-    state: Sequence[float] | NDArray[np.float64],
-    *,
-    size: int,
-    action: tuple[float, float] | None = None,
+    state: ArrayLike, *, size: int, action: tuple[float, float] | None = None
 ) -> NDArray[np.uint8]:
     """Renders one state, with y pointing down as in gym-pusht's images; see `rasterise` for many.
 
