@@ -50,12 +50,10 @@ def table(rows: Sequence[Mapping[str, Any]], *, low: Sequence[str] = (), digits:
         digits: after the point, for floating-point numbers.
     """
     head = tuple(rows[0])
-    best = {
-        (i, head.index(name))
-        for name in low
-        for i, row in enumerate(rows)
-        if row[name] == min(other[name] for other in rows if other[name] is not None)
-    }
+    best = set()
+    for name in low:
+        least = min(row[name] for row in rows if row[name] is not None)
+        best |= {(i, head.index(name)) for i, row in enumerate(rows) if row[name] == least}
     words = (tuple(_word(row[name], digits) for name in head) for row in rows)
     return Table(head, tuple(words), frozenset(best))
 

@@ -160,17 +160,14 @@ def rollout(
 
 def with_derived(task: Task, found: dict[str, Array]) -> dict[str, Array]:
     """Add to `found` the outcomes that the task derives from others: thresholds and ratios."""
-    passed = {
-        name: (found[of] > threshold).astype(np.float64)
-        for name, (of, threshold) in task.thresholds.items()
-        if of in found  # tables of older versions lack some
-    }
-    ratios = {
-        name: np.minimum(found[of] / full, 1.0)
-        for name, (of, full) in task.capped.items()
-        if of in found
-    }
-    return {**found, **passed, **ratios}
+    derived = dict(found)
+    for name, (of, threshold) in task.thresholds.items():
+        if of in found:  # tables of older versions lack some
+            derived[name] = (found[of] > threshold).astype(np.float64)
+    for name, (of, full) in task.capped.items():
+        if of in found:
+            derived[name] = np.minimum(found[of] / full, 1.0)
+    return derived
 
 
 def _jerk(done: Array, steps: NDArray[np.int64]) -> Array:

@@ -261,10 +261,8 @@ def train(
         execute=options.execute,
         fitted=pictures.state_dict() if pictures else {},
     )
-    parameters = sum(p.numel() for p in result.network.parameters())
-    return Trained(
-        policy, result.history, run.seconds, parameters, run.coupling, tuple(run.checkpoints)
-    )
+    size = sum(p.numel() for p in result.network.parameters())
+    return Trained(policy, result.history, run.seconds, size, run.coupling, tuple(run.checkpoints))
 
 
 def camera_options(**options: Any) -> Options:
