@@ -42,9 +42,10 @@ def arm_paths(
     of_mode = _by_mode(lines, modes)
     for mode, some in of_mode.items():
         ax.add_collection(LineCollection(some[..., :2], zorder=2, **_look(mode)))
-    failed = of_mode.get(_FAILED, lines[:0])[:, -1, :2]
-    ax.scatter(*failed.T, marker="x", s=22, color=SOURCE_COLOR, linewidths=1.0, zorder=6)
-    ax.scatter(*lines[:, 0, :2].T, s=16, color=SOURCE_COLOR, zorder=5, linewidths=0)
+    x, y, _ = of_mode.get(_FAILED, lines[:0])[:, -1].T
+    ax.scatter(x, y, marker="x", s=22, color=SOURCE_COLOR, linewidths=1.0, zorder=6)
+    x, y, _ = lines[:, 0].T
+    ax.scatter(x, y, s=16, color=SOURCE_COLOR, zorder=5, linewidths=0)
     ax.set_aspect("equal", adjustable="datalim")
     ax.autoscale_view()
     ax.set(xlabel="x in metres", ylabel="y in metres", title=title)

@@ -55,11 +55,12 @@ def scatter(
         ax.scatter(
             across, up, s=size * 0.6, color=style.SOURCE_COLOR, alpha=0.45, lw=0, label="noise"
         )
+    across, up = points.T
     dots: dict[str, Any] = {"s": size, "alpha": 0.75, "linewidths": 0}
     if values is None:
-        ax.scatter(*points.T, color=style.COLORS["independent"], **dots)
+        ax.scatter(across, up, color=style.COLORS["independent"], **dots)
     elif not n_classes:
-        drawn = ax.scatter(*points.T, c=values, cmap=style.CONDITION_MAP, **dots)
+        drawn = ax.scatter(across, up, c=values, cmap=style.CONDITION_MAP, **dots)
         if legend:
             ax.figure.colorbar(drawn, ax=ax, label="condition $c$", shrink=0.85)
     for k in range(n_classes):
@@ -130,7 +131,8 @@ def paired_source(
     ax = open_plane(ax, legend=legend)
     order = np.random.default_rng(0).permutation(len(points))  # no class on top of another
     colors = style.condition_colors(c, len(points))[order]
-    ax.scatter(*points[order].T, c=colors, s=7, alpha=0.75, linewidths=0)
+    across, up = points[order].T
+    ax.scatter(across, up, c=colors, s=7, alpha=0.75, linewidths=0)
     if legend:
         for k in range(n_classes):
             ax.scatter([], [], color=style.condition_color(k), s=7, label=f"c = {k}")

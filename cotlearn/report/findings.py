@@ -186,7 +186,7 @@ def examine(
         raise ValueError(f"{data.name}: x1 does not vary, there is nothing to learn")
     x1, condition = x(data.x1), c(data.c)
     train, test = (Dataset(x1[part], condition[part], data.name) for part in (inside, outside))
-    advice = recommend(train.x1, train.c, rows=pairs, probe_steps=probe_steps, seed=seed)
+    advice = recommend(train.x1, condition[inside], rows=pairs, probe_steps=probe_steps, seed=seed)
     couplings: dict[str, Coupling] = {"independent": Independent(), advice.name: advice.coupling}
     g = torch.Generator().manual_seed(seed)
     noise = torch.randn(DRAWS, *test.x1.shape, generator=g)  # the same for every network
