@@ -64,6 +64,7 @@ WITHOUT = {
     "robots.task.*": "records of the package's own tasks, and the check of actions itself",
     "robots.experts.*": "demonstrators see states of their own simulation only",
     "robots.episodes.Episodes.select": "numpy's own indexing",
+    "robots.episodes.checked.window_rows": "indices that its two callers have checked",
     "robots.episodes.lerobot.*": "parts of the reader, which has checked the columns",
     "robots.episodes.npz.write_arrays": "stores any arrays; tests/test_damage.py",
     "policies.rollout.with_derived": "called with outcomes of the worlds",
