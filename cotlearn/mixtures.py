@@ -156,13 +156,13 @@ def _continuous(
 
 def uniform_conditions(n: int, generator: torch.Generator | None = None) -> Tensor:
     """n conditions drawn uniformly from [-1, 1], shape (n, 1)."""
-    check_generator(generator)
-    return 2 * torch.rand(check_count(n, "n"), 1, generator=generator) - 1
+    validation.check_generator(generator)
+    return 2 * torch.rand(validation.check_count(n, "n"), 1, generator=generator) - 1
 
 
 def spread_conditions(n: int) -> Tensor:
     """n conditions evenly spread over [-1, 1], shape (n, 1)."""
-    return ((torch.arange(check_count(n, "n")) + 0.5) / n * 2 - 1)[:, None]
+    return ((torch.arange(validation.check_count(n, "n")) + 0.5) / n * 2 - 1)[:, None]
 
 
 def petals(n_conditions: int = 4) -> ConditionalGaussianMixture:

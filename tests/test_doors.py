@@ -86,7 +86,6 @@ CALLS = {
     "couplings": [lambda: diagnostics.frontier(X, C, MinibatchOT())],
     "oracle": [lambda: diagnostics.error_budget(NET, petals(), 5, nfe=1)],
     "network": [lambda: flows.velocity_of(5)],
-    "widths": [lambda: flows.networks.TemporalUNet(16, 2, widths=())],
     "true_map": [lambda: potentials.KnownMap(5, 2)],
     "dim": [lambda: potentials.KnownMap(torch.sin, 0), lambda: potentials.KnownMap.gaussian(0)],
     "potential": [
