@@ -11,7 +11,7 @@ help:
 	@echo "make docs     build the site in build/site and check it"
 	@echo "make slides   slides from the notebooks in build/slides (ARGS='00 01' for some)"
 	@echo "make homework student copies, and autograder versions in build/homework (SECRET_SEED=... for your own tests)"
-	@echo "make release  build sdist and wheel in build/release and try them in an empty environment"
+	@echo "make release  build sdist, wheel and site, try them, and print the commands that publish"
 	@echo "make versions unit tests with the oldest and newest dependencies (ARGS='oldest' for one)"
 	@echo "make setup    only set up"
 	@echo "make clean    remove the environment and all results"

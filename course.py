@@ -8,7 +8,7 @@ Usage, on Windows too::
     python course.py docs       build the site in build/site and check it
     python course.py slides     make slides from the notebooks in build/slides
     python course.py homework   make student and autograder versions of the homework, and try them
-    python course.py release    build and try sdist and wheel, in build/release
+    python course.py release    build and try sdist, wheel and site; print how to publish them
     python course.py versions   unit tests with the oldest and the newest supported dependencies
     python course.py setup      only set up
 
@@ -335,7 +335,7 @@ def homework(python: Path, extra: list[str]) -> int:
 
 
 def release(python: Path, extra: list[str]) -> int:
-    """Builds source distribution and wheel, and tries them in an empty environment."""
+    """Builds sdist, wheel and site, tries them, and prints the commands that publish."""
     return call([str(python), str(ROOT / "release" / "make.py"), *extra])
 
 

@@ -224,11 +224,9 @@ def _flower(image: Array) -> tuple[Array, Array]:
 
 
 def _columns(table: Array) -> Array:
-    scaled: Array = Standardiser.fit(table)(table)
-    return scaled
+    return np.asarray(Standardiser.fit(table)(table))
 
 
 def _one_scale(table: Array) -> Array:
     centred = table - table.mean(axis=0)
-    scaled: Array = centred / np.sqrt((centred**2).mean())
-    return scaled
+    return np.asarray(centred / np.sqrt((centred**2).mean()))

@@ -1,18 +1,22 @@
 """Results on disk: cells that are computed once and stored with versions and machine."""
 
+import contextlib
 import importlib.metadata
 import json
 import os
 import platform
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, as_completed
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from cotlearn.files import write_text
+from cotlearn.validation import check_choice
 
 Values = dict[str, Any]
 Say = Callable[[str], None]
@@ -59,18 +63,64 @@ class Store:
     """
 
     def fill(
-        self: Any, keys: Sequence[Any], compute: Callable[[Any], Values], *, say: Say = print
+        self: Any,
+        keys: Sequence[Any],
+        compute: Callable[[Any], Values],
+        *,
+        executor: str = "local",
+        say: Say = print,
     ) -> None:
-        """Computes the missing cells one by one, and stores each as soon as it is done."""
-        missing = [key for key in keys if not self.holds(key)]
-        say(f"{len(keys)} cells, {len(keys) - len(missing)} done already")
-        for number, key in enumerate(missing, start=1):
+        """Computes the missing cells, and stores each as soon as it is done.
+
+        Args:
+            keys: of all cells.
+            compute: returns the values of a key. Dask and Ray send it to their workers.
+            executor: "local", one cell after the other in this process; "dask" or "ray", in the
+                workers of the cluster that DASK_SCHEDULER_ADDRESS or RAY_ADDRESS names, or else in
+                one worker for each core of this machine.
+            say: where a line about each cell goes.
+
+        Raises:
+            ValueError: an unknown executor, or stored cells do not fit.
+            ImportError: Dask or Ray is not installed; `pip install 'cotlearn[machines]'` does it.
+        """
+
+        def timed(key: Any) -> tuple[Any, Values]:
             started, cpu = time.perf_counter(), time.process_time()
             values = compute(key)
             seconds = round(time.perf_counter() - started, 1)
             spent = {"seconds": seconds, "cpu_seconds": round(time.process_time() - cpu, 1)}
-            self.keep(key, {**values, **spent})
-            say(f"[{number}/{len(missing)}] {key}: {seconds:.0f} s")
+            return key, {**values, **spent}
+
+        with _opened(executor) as each:
+            missing = [key for key in keys if not self.holds(key)]
+            say(f"{len(keys)} cells, {len(keys) - len(missing)} done already")
+            for number, (key, values) in enumerate(each(timed, missing), start=1):
+                self.keep(key, values)
+                say(f"[{number}/{len(missing)}] {key}: {values['seconds']:.0f} s")
+
+
+@contextlib.contextmanager
+def _opened(executor: str) -> Iterator[Callable[..., Iterable[Any]]]:
+    """A function like `map`; with workers, its results come in the order in which they are done."""
+    check_choice(executor, "executor", ("local", "dask", "ray"))
+    if executor == "local":
+        yield map
+    elif executor == "dask":
+        from distributed import Client
+
+        with Client(threads_per_worker=1, dashboard_address=None) as client:
+            yield partial(_each, client.get_executor().submit)
+    else:
+        import ray
+
+        with ray.init():
+            yield partial(_each, lambda f, key: ray.remote(f).remote(key).future())
+
+
+def _each(submit: Callable[..., Future[Any]], f: Callable[[Any], Any], keys: Any) -> Iterator[Any]:
+    """The results of f(key) in the order in which they are done."""
+    return (done.result() for done in as_completed([submit(f, key) for key in keys]))
 
 
 class Table(Store):

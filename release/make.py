@@ -5,10 +5,13 @@
 It takes what is committed, nothing else: builds the source distribution, a wheel from that and a
 wheel from the checkout, which must be the same file; lets twine read them; installs the wheel with
 the exact versions of constraints.txt in an empty environment, far from the checkout, and runs
-`release/try_wheel.py` there. It downloads what pip has not cached.
+`release/try_wheel.py` there. It builds and checks the site, and packs it for a host of files. At
+last it prints the two commands that publish. It downloads what pip has not cached; the site needs
+no network.
 """
 
 import filecmp
+import re
 import shutil
 import subprocess
 import sys
@@ -53,11 +56,31 @@ def build(source: Path, tools: Path) -> Path:
     return wheel
 
 
+def site(source: Path, version: str) -> Path:
+    """Build the site with the packages of this environment, and pack it."""
+    must(sys.executable, source / "docs" / "make.py", folder=source)
+    name = str(ROOT / "build" / f"cotlearn-{version}-site")
+    return Path(shutil.make_archive(name, "zip", source / "build" / "site"))
+
+
+def stated(source: Path) -> tuple[str, str]:
+    """The version and its date, by the rule at the head of CHANGELOG.md; "" if it has no date yet.
+
+    The test of the rule is in tests/test_wheel.py.
+    """
+    text = (source / "CHANGELOG.md").read_text("utf-8")
+    found = re.search(r"^## (\d+\.\d+\.\d+) \((not yet released|\d{4}-\d\d-\d\d)\)$", text, re.M)
+    if not found:
+        sys.exit("CHANGELOG.md must begin with '## VERSION (YYYY-MM-DD)' or '(not yet released)'")
+    return found[1], found[2].replace("not yet released", "")
+
+
 def main() -> None:
     """Make the release and try it."""
     with tempfile.TemporaryDirectory(prefix="cotlearn release ") as name:
         folder = Path(name)
         source = committed(folder / "source")
+        version, date = stated(source)
         tools = new_environment(folder / "tools")
         must(tools, "-m", "pip", "install", "--quiet", "build", "twine", folder=folder)
         wheel = build(source, tools)
@@ -67,8 +90,14 @@ def main() -> None:
         must(python, "-m", "pip", "install", "--quiet", *wanted, folder=elsewhere)
         script = shutil.copy(source / "release" / "try_wheel.py", folder)
         must(python, "-I", script, "--run", folder=elsewhere)
-    for file in sorted(OUT.iterdir()):
+        made = [*sorted(OUT.iterdir()), site(source, version)]
+    for file in made:
         print(f"{file.relative_to(ROOT)}: {file.stat().st_size / 1e6:.1f} MB")
+    if not date:
+        print("A rehearsal: give CHANGELOG.md and CITATION.cff the date, commit, run this again.")
+    print("What a maintainer types then (twine comes with: pip install twine):")
+    print(f"    twine upload build/release/cotlearn-{version}*")
+    print(f"    git tag v{version} && git push origin v{version}")
 
 
 if __name__ == "__main__":

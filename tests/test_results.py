@@ -1,4 +1,6 @@
 import json
+import os
+import time
 
 import pytest
 
@@ -50,6 +52,32 @@ def test_two_runs_share_a_folder(tmp_path):
     old = Folder(tmp_path, {"length": 3}, read=lambda stored: {"length": stored["steps"]})
     assert old.holds("a")
     assert not old.holds("c")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("executor", ["dask", "ray"])
+def test_workers_compute_what_is_missing(tmp_path, executor):
+    pytest.importorskip({"dask": "distributed"}.get(executor, executor))
+    said, store = [], Folder(tmp_path, {"steps": 3})
+    store.keep("2", {"value": 0})
+
+    def compute(key):
+        time.sleep(0.2 * int(key))
+        return {"value": int(key) ** 2, "process": os.getpid()}
+
+    store.fill(["4", "2", "1"], compute, executor=executor, say=said.append)
+    stored = {path.stem: json.loads(path.read_text()) for path in tmp_path.iterdir()}
+    assert {key: cell["value"] for key, cell in stored.items()} == {"1": 1, "2": 0, "4": 16}
+    assert stored["1"]["process"] != os.getpid()
+    assert said[0] == "3 cells, 1 done already"
+    assert [line.split()[1] for line in said[1:]] == ["1:", "4:"]  # as they are ready
+    with pytest.raises(ZeroDivisionError):
+        store.fill(["0"], lambda key: {"value": 1 / int(key)}, executor=executor)
+
+
+def test_an_unknown_executor(tmp_path):
+    with pytest.raises(ValueError, match="executor must be one of local, dask, ray; got 'slurm'"):
+        Folder(tmp_path, {}).fill(["a"], dict, executor="slurm")
 
 
 def test_versions_are_those_of_what_was_used():

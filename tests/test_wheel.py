@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from packaging.version import Version
 
 import cotlearn
 
@@ -27,9 +28,16 @@ def test_the_version_stands_in_one_place_and_the_others_agree():
     project = tomllib.loads(read("pyproject.toml"))
     assert project["project"]["dynamic"] == ["version"]
     assert project["tool"]["hatch"]["version"]["path"] == "cotlearn/__init__.py"
-    [cited] = re.findall(r"^version: (.+)$", read("CITATION.cff"), re.MULTILINE)
-    newest = re.search(r"^## (\S+)", read("CHANGELOG.md"), re.MULTILINE)[1]
-    assert cited == newest == cotlearn.__version__
+    cited, headings = yaml.safe_load(read("CITATION.cff")), re.compile(r"^## (.+)$", re.MULTILINE)
+    released = {}
+    for heading in headings.findall(read("CHANGELOG.md")):
+        version, date = re.fullmatch(r"([\d.]+) \((not yet released|[\d-]+)\)", heading).groups()
+        released[version] = date
+    newest, date = next(iter(released.items()))
+    assert cited["version"] == newest == cotlearn.__version__
+    assert str(cited.get("date-released", "not yet released")) == date
+    assert list(released) == sorted(released, key=Version, reverse=True)
+    assert "not yet released" not in list(released.values())[1:]
 
 
 def test_the_citation_is_of_this_project():

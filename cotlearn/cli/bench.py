@@ -24,6 +24,7 @@ def bench(
     folder: Annotated[Path | None, typer.Option(help="Folder of the cells.")] = None,
     weights: Annotated[Path | None, typer.Option(help="Folder of the policies.")] = None,
     summary: Annotated[Path | None, typer.Option(help="Summary of all cells, a file.")] = None,
+    executor: Annotated[str, typer.Option(help="Of the cells: local, dask or ray.")] = "local",
     latency: Annotated[bool, typer.Option("--latency", help="Only remeasure it.")] = False,
 ) -> None:
     """Compares policies for a task: trains and rolls out all cells that are missing.
@@ -57,6 +58,7 @@ def bench(
                 seeds=policies.numbers(seeds, "seeds"),
                 protocol=Protocol(setting.options, train_episodes, held_out, episodes),
                 weights=weights,
+                executor=executor,
                 say=say,
             )
         summarise(folder, summary, command=f"cotlearn bench {name}")

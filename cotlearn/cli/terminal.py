@@ -22,7 +22,8 @@ def stop(message: str) -> NoReturn:
 
 def stop_missing(package: str | None) -> NoReturn:
     """Ends the command with the name of a missing package and how to install it."""
-    stop(f"{package} is not installed; install it with: pip install 'cotlearn[course]'")
+    extra = "machines" if package in ("distributed", "ray") else "course"
+    stop(f"{package} is not installed; install it with: pip install 'cotlearn[{extra}]'")
 
 
 @contextmanager

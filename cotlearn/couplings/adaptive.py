@@ -9,7 +9,6 @@ from cotlearn.couplings.base import Array, Index
 from cotlearn.couplings.conditional import ConditionalOT
 from cotlearn.validation import check_number
 
-ADAPTIVE = "adaptive"
 RESOLUTION = 16  #: weights are powers of 2^(1/16): 4 % apart
 GRID = range(-200 * RESOLUTION, 1000 * RESOLUTION)  #: exponents of the weights, in sixteenths
 
@@ -36,11 +35,11 @@ class AdaptiveConditionalOT(ConditionalOT):
         ValueError: target_ratio lies outside (0, 1); when pairing, it lies below r(infinity).
     """
 
-    condition_weight: float | str = field(default=ADAPTIVE, init=False)
+    condition_weight: float | str = field(default="adaptive", init=False)
     target_ratio: float = 0.05
 
     name = "adaptive"
-    rules = (ADAPTIVE,)
+    rules = ("adaptive",)
 
     def __post_init__(self) -> None:
         super().__post_init__()

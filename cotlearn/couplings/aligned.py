@@ -11,7 +11,6 @@ from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation, sinkhorn_plan
 from cotlearn.couplings.base import Array, Coupling, Index, Match, near_rows, squared_distances
 
-VARIANTS = ("weighted", "topk", "full")
 LIMIT = 64  #: most distinct conditions in a "full" batch, which needs B evaluations for each
 
 
@@ -59,7 +58,7 @@ class ModelAligned(Coupling):
     transformable = False
 
     def __post_init__(self) -> None:
-        validation.check_choice(self.variant, "variant", VARIANTS)
+        validation.check_choice(self.variant, "variant", ("weighted", "topk", "full"))
         validation.check_positive(validation.check_share(self.fraction, "fraction"), "fraction")
         validation.check_number(self.boost, "boost")
         validation.check_count(self.warmup_steps, "warmup_steps", minimum=0)

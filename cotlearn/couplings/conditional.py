@@ -22,9 +22,6 @@ from cotlearn.validation import (
     check_same_rows,
 )
 
-LABELS = ("target", "source")
-BALANCED = "balanced"
-
 
 @dataclass(repr=False)
 class ConditionalOT(Coupling):
@@ -52,7 +49,7 @@ class ConditionalOT(Coupling):
         ValueError: condition_weight is negative or NaN, or an option is unknown.
     """
 
-    condition_weight: float | str = BALANCED
+    condition_weight: float | str = "balanced"
     _: KW_ONLY
     label: str = "target"
     condition: Callable[[Tensor], Tensor] | None = None
@@ -60,7 +57,7 @@ class ConditionalOT(Coupling):
     name = "conditional_ot"
     uses_ot_batch = True
     needs_condition = True
-    rules = (BALANCED,)  #: names of rules that choose a weight for each batch
+    rules = ("balanced",)  #: names of rules that choose a weight for each batch
 
     def __post_init__(self) -> None:
         if isinstance(self.condition_weight, str):
@@ -70,7 +67,7 @@ class ConditionalOT(Coupling):
             self.condition_weight = check_number(
                 self.condition_weight, "condition_weight", infinite=True
             )
-        check_choice(self.label, "label", LABELS)
+        check_choice(self.label, "label", ("target", "source"))
         if self.condition is not None:
             check_function(self.condition, "condition", "of c")
 

@@ -111,9 +111,11 @@ class Clusters(WithOptions):
 
     def labels(self, c: Tensor) -> Tensor:
         """The index 0 .. K-1 of each row's nearest centroid, (n,); distances are in float64."""
-        centroids = self.centroids.to(c.device, torch.float64)
-        parts = (self.project(part).double() for part in check_condition(c).split(ROWS_AT_ONCE))
-        return torch.cat([torch.cdist(part, centroids).argmin(dim=1) for part in parts])
+        centroids, c = self.centroids.to(c.device, torch.float64), check_condition(c)
+        labels = torch.empty(len(c), dtype=torch.long, device=c.device)  # not a list: see the test
+        for part, found in zip(c.split(ROWS_AT_ONCE), labels.split(ROWS_AT_ONCE), strict=True):
+            found.copy_(torch.cdist(self.project(part).double(), centroids).argmin(dim=1))
+        return labels
 
     def __call__(self, c: Tensor) -> Tensor:
         """The nearest centroid of each row of c (n, k), (n, m)."""

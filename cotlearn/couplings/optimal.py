@@ -9,9 +9,6 @@ from cotlearn.couplings.assignment import draw_pairs, exact_permutation, sinkhor
 from cotlearn.couplings.base import Coupling, Match, squared_distances
 from cotlearn.validation import check_choice, check_positive
 
-PLANS = ("exact", "sinkhorn")
-SAMPLINGS = ("permutation", "replacement")
-
 
 @dataclass(repr=False, kw_only=True)
 class MinibatchOT(Coupling):
@@ -39,8 +36,8 @@ class MinibatchOT(Coupling):
     uses_ot_batch = True
 
     def __post_init__(self) -> None:
-        check_choice(self.plan, "plan", PLANS)
-        check_choice(self.sampling, "sampling", SAMPLINGS)
+        check_choice(self.plan, "plan", ("exact", "sinkhorn"))
+        check_choice(self.sampling, "sampling", ("permutation", "replacement"))
         self.regularization = check_positive(self.regularization, "regularization")
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:

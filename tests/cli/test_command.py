@@ -23,13 +23,16 @@ def test_the_help_of_a_group_names_the_tasks(group):
     assert "push-t" in result.output
 
 
-def test_what_several_commands_say(capsys):
-    with pytest.raises(typer.Exit) as stopped:
-        cli.terminal.stop_missing("mujoco")
+@pytest.mark.parametrize(("package", "extra"), [("mujoco", "course"), ("ray", "machines")])
+def test_a_missing_package(package, extra, capsys):
+    with pytest.raises(typer.Exit) as stopped, cli.terminal.reported():
+        raise ModuleNotFoundError(name=package)
     assert stopped.value.exit_code == 2
-    assert "mujoco is not installed; install it with: pip install 'cotlearn[course]'" in (
-        capsys.readouterr().err
-    )
+    said = f"{package} is not installed; install it with: pip install 'cotlearn[{extra}]'"
+    assert said in capsys.readouterr().err
+
+
+def test_numbers_with_commas():
     with pytest.raises(ValueError, match="seeds must be integers with commas between"):
         cli.policies.numbers("1,two", "seeds")
 

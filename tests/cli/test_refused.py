@@ -57,6 +57,7 @@ def test_pages_and_tables_are_looked_at_before_the_work(tmp_path):
     assert "out cannot be written to" in refused("homework", "--out", file)
     (tmp_path / "in").mkdir()
     assert "out cannot be written to" in refused("grade", tmp_path / "in", "--out", file / "a.csv")
+    assert "executor must be one of local, dask" in refused("bench", "push-t", "--executor", "a")
 
 
 def test_a_file_that_claims_many_rows(tmp_path):

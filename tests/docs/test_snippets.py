@@ -42,7 +42,15 @@ def test_there_are_blocks():
     assert len(list(blocks())) >= 8
 
 
-@pytest.mark.usefixtures("two_candidates")
+@pytest.fixture
+def torchrun(monkeypatch):
+    """What torchrun tells a process that is alone."""
+    told = {"RANK": "0", "WORLD_SIZE": "1", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": "0"}
+    for name, value in told.items():
+        monkeypatch.setenv(name, value)
+
+
+@pytest.mark.usefixtures("two_candidates", "torchrun")
 @pytest.mark.parametrize(("page", "number"), list(blocks()))
 def test_block_runs(page, number):
     needs, code = blocks_of(page)[number]

@@ -155,9 +155,10 @@ def bench(
     methods: Sequence[str],
     seeds: Sequence[int],
     protocol: Protocol,
+    executor: str = "local",
     say: Say = print,
 ) -> None:
-    """Fills the cells that are missing, one after the other.
+    """Fills the cells that are missing.
 
     An interrupted run goes on where it stopped: finished cells are skipped, and the training that
     was under way resumes from its checkpoint. Two runs can work side by side on other cells.
@@ -165,22 +166,25 @@ def bench(
     Args:
         episodes: all demonstrations; some are held out.
         folder: of the cells, `<method>-<seed>.json`.
-        weights: folder of the trained policies and checkpoints.
+        weights: folder of the trained policies and checkpoints, on the machine of each worker.
         methods: names in `METHODS`.
         seeds: of the trainings.
         protocol: of all cells in the folder.
+        executor: of the cells, see `cotlearn.results.Store.fill`.
         say: where a line about each cell goes.
 
     Raises:
-        ValueError: an unknown method, or a cell in the folder was made with another protocol.
+        ValueError: an unknown method or executor, or a cell in the folder was made with another
+            protocol.
     """
     rows = [find_method(method) for method in methods]
     training, held = split(episodes, held_out=protocol.held_out, train=protocol.train_episodes)
     record = protocol.record(episodes)
-    work = _Bench(training, held, protocol, record, weights, say)
+    told = say if executor == "local" else print  # a terminal cannot be sent
+    work = _Bench(training, held, protocol, record, weights.resolve(), told)
     seeds = [check_count(seed, "seeds", minimum=0) for seed in seeds]
     names = [f"{row.name}-{seed}" for seed in seeds for row in rows]
-    Folder(folder, record, read=read_record).fill(names, work.cell, say=say)
+    Folder(folder, record, read=read_record).fill(names, work.cell, executor=executor, say=say)
     work.demonstrate(folder / DEMONSTRATED)
 
 
