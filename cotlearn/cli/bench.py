@@ -39,8 +39,7 @@ def bench(
     folder, weights = folder or cells, weights or Path("build") / short
     say = functools.partial(console.print, markup=False)
     with reported():
-        from cotlearn.policies.comparison.cells import Protocol, measure_latency
-        from cotlearn.policies.comparison.cells import bench as fill
+        from cotlearn.policies.comparison import cells as comparison
         from cotlearn.policies.comparison.summary import summarise
         from cotlearn.validation import check_output
 
@@ -48,15 +47,15 @@ def bench(
             check_output(path, "summary, folder or weights")
         setting, demonstrations = policies.setting(name, options, data)
         if latency:
-            measure_latency(folder, weights=weights, say=say)
+            comparison.measure_latency(folder, weights=weights, say=say)
         else:
             held_out = held_out or setting.held_out
-            fill(
+            comparison.bench(
                 demonstrations,
                 folder=folder,
                 methods=[m.strip() for m in methods.split(",")] if methods else setting.methods,
                 seeds=policies.numbers(seeds, "seeds"),
-                protocol=Protocol(setting.options, train_episodes, held_out, episodes),
+                protocol=comparison.Protocol(setting.options, train_episodes, held_out, episodes),
                 weights=weights,
                 executor=executor,
                 say=say,
