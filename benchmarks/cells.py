@@ -1,4 +1,4 @@
-"""Opens the table that a benchmark fills (`cotlearn.results.Table`)."""
+"""What benchmarks share: the table that each fills (`cotlearn.results.Table`), and a score."""
 
 import argparse
 import shlex
@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 
+from cotlearn.metrics import ConditionalData, ConditionalSampler, conditional_squared_w2
 from cotlearn.results import Table
 
 RESULTS = Path(__file__).resolve().parents[1] / "data" / "results"
@@ -36,3 +37,9 @@ def opened(
     torch.set_num_threads(1)
     output = parser.parse_args().output
     return Table(output, question=question, command=COMMAND, protocol=protocol)
+
+
+def score(sample: ConditionalSampler, data: ConditionalData, seed: int) -> float:
+    """Squared W2 for each condition, averaged, of 500 samples each, with noise of its own seed."""
+    generator = torch.Generator().manual_seed(1000 + seed)
+    return round(conditional_squared_w2(sample, data, n=500, generator=generator), 4)

@@ -20,7 +20,7 @@ from itertools import product
 from typing import Any
 
 import torch
-from cells import opened
+from cells import opened, score
 from torch import Tensor, nn
 
 from cotlearn.couplings import ConditionalOT, Coupling, FixedPairs, Independent, StratifiedOT
@@ -38,7 +38,6 @@ from cotlearn.flows.one_step import (
     jump,
     learned_source_loss,
 )
-from cotlearn.metrics import conditional_squared_w2
 from cotlearn.mixtures import moving_modes, petals, rotating_pair
 
 STEPS, ROWS, TEACHER_NFE, DRAWS = 4000, 8192, 16, 4
@@ -148,13 +147,8 @@ def reflowed(rows: Dataset, pairs: str, seed: int) -> Any:
 def compute(key: dict[str, Any]) -> dict[str, Any]:
     """One cell: the floor, or a training and its scores."""
     data, seed = DATA[key["data"]], key["seed"]
-
-    def score(sample: Any) -> float:
-        generator = torch.Generator().manual_seed(1000 + seed)
-        return round(conditional_squared_w2(sample, data, n=500, generator=generator), 4)
-
     if key["way"] == "floor":
-        return {"floor": score(data.sample_given)}
+        return {"floor": score(data.sample_given, data, seed)}
     way = WAYS[key["way"]]
     rows = Dataset(*data.sample(ROWS, generator=torch.Generator().manual_seed(seed)))
     started = time.process_time()
@@ -174,7 +168,7 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
 
         return sample
 
-    scores = {str(nfe): score(drawn(nfe)) for nfe in way.evaluations}
+    scores = {str(nfe): score(drawn(nfe), data, seed) for nfe in way.evaluations}
     return {"squared_w2": scores, "cpu_seconds": round(seconds, 1)}
 
 

@@ -15,14 +15,13 @@ from itertools import product
 from typing import Any
 
 import torch
-from cells import opened
+from cells import opened, score
 from torch import Tensor
 
 from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, StratifiedOT
 from cotlearn.datasets import Dataset
 from cotlearn.flows import FlowMatching, VelocityMLP, fit, integrate, velocity_of
 from cotlearn.flows.diffusion import Diffusion
-from cotlearn.metrics import conditional_squared_w2
 from cotlearn.mixtures import petals, rotating_pair
 
 SETTING = {"steps": 2000, "batch_size": 256, "ot_batch_size": 256, "width": 128, "depth": 3}
@@ -48,13 +47,8 @@ def pairs(name: str, data: str) -> Coupling:
 def compute(key: dict[str, Any]) -> dict[str, Any]:
     """One cell: the floor, or a training and its scores."""
     data, seed = DATA[key["data"]], key["seed"]
-
-    def score(sample: Any) -> float:
-        generator = torch.Generator().manual_seed(1000 + seed)
-        return round(conditional_squared_w2(sample, data, n=500, generator=generator), 4)
-
     if key["path"] == "floor":
-        return {"floor": score(data.sample_given)}
+        return {"floor": score(data.sample_given, data, seed)}
     flow = key["path"] == "straight"
     rows = Dataset(*data.sample(ROWS, generator=torch.Generator().manual_seed(seed)))
     diffusion = Diffusion(
@@ -83,7 +77,7 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
         return diffusion.ddim(trained, x0, c, nfe=nfe, spacing="trailing")
 
     scores = {
-        str(nfe): score(lambda c, generator=None, nfe=nfe: draw(c, nfe, generator))
+        str(nfe): score(lambda c, generator=None, nfe=nfe: draw(c, nfe, generator), data, seed)
         for nfe in EVALUATIONS
     }
     return {"squared_w2": scores}
