@@ -97,9 +97,7 @@ def test_only_the_self_check_is_content(tmp_path):
     found = marked(tmp_path, handed_in.homework(handed_in.answers(loss=learned)), hidden=True)
     first = found.marks[0]
     assert (first.verdict, first.points, first.correct) == ("correct", 3, False)
-    assert first.hints == [
-        "gradients of the loss must reach the network: do not detach the return value"
-    ]
+    assert first.hints == ["gradients must reach the network: do not detach the loss"]
 
 
 def test_a_notebook_without_stamp_and_checks(tmp_path):
