@@ -28,7 +28,6 @@ def train(
     with reported(RuntimeError):
         from cotlearn.policies import training
         from cotlearn.policies.comparison.choice import with_choice
-        from cotlearn.policies.rollout import rollout
         from cotlearn.validation import check_output
 
         check_output(out, "out")
@@ -44,17 +43,25 @@ def train(
         )
         trained.policy.about = {"coupling": coupling, "seed": seed, "episodes": len(chosen)}
         trained.policy.save(out)
+        facts = f"{trained.parameters} weights, {len(chosen)} episodes, {trained.seconds:.0f} s"
+        console.print(f"{escape(str(out))}: {facts}")
+        if rollouts:
+            console.print(_tested(trained.policy, rollouts))
         for file in trained.checkpoints:
             file.unlink()
-    facts = f"{trained.parameters} weights, {len(chosen)} episodes, {trained.seconds:.0f} s"
-    console.print(f"{escape(str(out))}: {facts}")
-    if rollouts:
-        derived = [*chosen.task.capped, *chosen.task.thresholds]
-        names = [chosen.task.score, *(name for name in derived if not name.endswith("_200"))]
-        table = Table("sampler", *(n.replace("_", " ") for n in names), "ms a chunk", box=None)
-        for sampler in trained.policy.sampler.variants:
-            policy = trained.policy.with_sampler(sampler)
-            scores = rollout(policy, episodes=rollouts).summary()
-            values = [f"{scores[n]:.3f}" for n in names]
-            table.add_row(sampler.name, *values, f"{1000 * policy.latency():.2f}")
-        console.print(table)
+
+
+def _tested(policy: Any, rollouts: int) -> Table:
+    """The scores of a policy with each sampler, and how long it takes."""
+    from cotlearn.policies.rollout import rollout
+
+    task = policy.windows.task
+    derived = [*task.capped, *task.thresholds]
+    names = [task.score, *(name for name in derived if not name.endswith("_200"))]
+    table = Table("sampler", *(n.replace("_", " ") for n in names), "ms a chunk", box=None)
+    for sampler in policy.sampler.variants:
+        sampled = policy.with_sampler(sampler)
+        scores = rollout(sampled, episodes=rollouts).summary()
+        values = [f"{scores[n]:.3f}" for n in names]
+        table.add_row(sampler.name, *values, f"{1000 * sampled.latency():.2f}")
+    return table

@@ -105,7 +105,14 @@ def test_train(tmp_path, start, number):
     assert not (tmp_path / "made.safetensors").exists()
     other = tmp_path / "homemade.training.safetensors"  # of another run
     other.write_bytes(b"")
+    made = tmp_path / "made.safetensors"
+    words[words.index("--rollouts") + 1] = 5000
+    end_when_there_is(made, start(words, tmp_path), number)  # in the rollouts
+    content = made.read_bytes()
+    assert checkpoint.exists()  # so that nothing is trained again
+    words[words.index("--rollouts") + 1] = 1
     finish(start(words, tmp_path), tmp_path)
+    assert made.read_bytes() == content
     other.unlink()
     assert ChunkPolicy.load(tmp_path / "made.safetensors").windows.task.name == "arm-ring"
     left = {file.name for file in tmp_path.iterdir() if not file.name.startswith(".")}
