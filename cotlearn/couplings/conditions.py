@@ -112,7 +112,8 @@ class Clusters(WithOptions):
     def labels(self, c: Tensor) -> Tensor:
         """The index 0 .. K-1 of each row's nearest centroid, (n,); distances are in float64."""
         centroids, c = self.centroids.to(c.device, torch.float64), check_condition(c)
-        labels = torch.empty(len(c), dtype=torch.long, device=c.device)  # not a list: see the test
+        labels = torch.empty(len(c), dtype=torch.long, device=c.device)
+        # filled in place: small results that are kept between large blocks can break up the heap
         for part, found in zip(c.split(ROWS_AT_ONCE), labels.split(ROWS_AT_ONCE), strict=True):
             found.copy_(torch.cdist(self.project(part).double(), centroids).argmin(dim=1))
         return labels

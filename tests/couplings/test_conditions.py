@@ -1,6 +1,9 @@
 """What the coupling sees of a condition, against numpy and brute force."""
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -247,6 +250,33 @@ def test_a_view_in_the_couplings():
     pairs = StratifiedOT(seen)(x0, x1, c, generator=seeded())
     assert torch.equal(label[pairs.source_index], label[pairs.target_index])
     assert "EmbeddedClusters(" in repr(StratifiedOT(seen))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_labels_of_many_rows_leave_no_holes_in_the_heap():
+    code = """
+import re, sklearn.cluster, torch
+from cotlearn.couplings import KMeansCondition
+
+def own_mb():
+    return int(re.search(r"RssAnon:\\s+(\\d+)", open("/proc/self/status").read())[1]) / 1024
+
+KMeans = sklearn.cluster.KMeans  # a short fit, which still leaves its holes in the heap
+sklearn.cluster.KMeans = lambda k, n_init, random_state: KMeans(k, max_iter=1, init="random")
+c = torch.randn(150_000, 4)
+clusters, before = KMeansCondition(1000).fit(c), own_mb()
+labels = clusters.labels(c)
+print(own_mb() - before)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    assert float(done.stdout) < 200
 
 
 def test_bad_views():
