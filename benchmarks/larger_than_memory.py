@@ -8,7 +8,7 @@ they draw, a block of rows; `stratified, all rows` pairs whole epochs, and is le
 potential and the first block. `microseconds_per_pair`: after that, of 400 batches or one block.
 Both are CPU time of one thread. `peak_mb`: the largest resident size of the process, Python, its
 libraries and pages of the file included; `own_peak_mb`: without pages of files, which the system
-takes back when memory is short (Linux).
+takes back when memory is short. It needs Linux.
 
     python benchmarks/larger_than_memory.py     # TMPDIR says where the files go
 """
@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import torch
 from cells import opened
-from whole_data import CONDITION_DIM, DIM, ROWS_PER_CLUSTER, resident_mb
+from whole_data import CONDITION_DIM, DIM, ROWS_PER_CLUSTER
 
 from cotlearn.couplings import ConditionalOT, Pairs, SemidiscreteOT, StratifiedOT
 from cotlearn.datasets import Dataset
@@ -71,11 +71,10 @@ def pairs_of(name: str, data: Dataset) -> Iterator[Pairs]:
     return stratified.stream(data, batch_size=BATCH, generator=g)
 
 
-def own_mb() -> float:
-    """The resident size of this process without pages of files; NaN if the system does not say."""
-    status = Path("/proc/self/status")
-    lines = status.read_text().splitlines() if status.exists() else []
-    return next((int(x.split()[1]) / 2**10 for x in lines if x.startswith("RssAnon")), float("nan"))
+def status_mb(name: str) -> float:
+    """What Linux says of this process's memory (`getrusage` would also know its parent's peak)."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) / 2**10 for line in lines if line.startswith(name))
 
 
 def stream(folder: Path, name: str) -> dict[str, Any]:
@@ -84,7 +83,7 @@ def stream(folder: Path, name: str) -> dict[str, Any]:
 
     def watch() -> None:
         while not done.wait(0.02):
-            peaks.append(max(peaks[-1], own_mb()))
+            peaks.append(max(peaks[-1], status_mb("RssAnon")))
 
     thread = threading.Thread(target=watch)
     thread.start()
@@ -105,7 +104,7 @@ def stream(folder: Path, name: str) -> dict[str, Any]:
         "start_seconds": round(first, 1),
         "microseconds_per_pair": round(1e6 * seconds / (BATCH * number), 1),
         "rows_paired_at_once": whole or BATCH,
-        "peak_mb": round(resident_mb()),
+        "peak_mb": round(status_mb("VmHWM")),
         "own_peak_mb": round(peaks[-1]),
         "data_mb": round(sum(file.stat().st_size for file in folder.iterdir()) / 2**20),
     }
