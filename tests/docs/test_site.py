@@ -56,12 +56,13 @@ def test_no_word_is_misspelled(tmp_path):
 @pytest.mark.parametrize("path", [*NOTEBOOKS, *EXTRAS], ids=lambda path: path.stem)
 def test_a_chapter_shows_its_figures_with_their_texts(site, path):
     html = page(site, path.relative_to(ROOT).with_suffix("").as_posix())
-    expected = [
-        cell["metadata"]["alt"]
-        for cell in cells(path)
-        for output in cell.get("outputs", [])
-        if any(kind.startswith("image/") for kind in output.get("data", {}))
-    ]
+    expected = []
+    for cell in cells(path):
+        if cell["cell_type"] == "markdown":
+            expected += re.findall(r"!\[([^\]]+)\]\(", "".join(cell["source"]))
+        for output in cell.get("outputs", []):
+            if any(kind.startswith("image/") for kind in output.get("data", {})):
+                expected.append(cell["metadata"]["alt"])
     assert images(html) == expected
     assert 'class="cell_output' in html, "the stored outputs are not shown"
 
