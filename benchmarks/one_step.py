@@ -1,11 +1,12 @@
 """Which way to few evaluations is best under a condition, at equal cost?
 
 Losses, each on independent pairs and, where it uses the noise, on conditional pairs: flow
-matching, regression, two passes, mean flow (and without its instants), shortcut, drifting, a
-learned source, reflow on the pairs of a teacher, and reflow on real data with the noise that the
-teacher's inverse gives. Every training costs as much as STEPS of flow matching, counted in
-forward-equivalents (a backward pass is two); reflow spends half of that on its teacher. The score
-is squared W2 for each condition, averaged.
+matching, regression, two passes, mean flow (and without its instants), alpha-flow, shortcut,
+drifting, a learned source; reflow on the pairs of a teacher, and on real data with the noise that
+the teacher's inverse gives; a source for each cluster of the data (COT-FM), which changes the
+prior; and no training at all: a data row of a near condition. Every training costs as much as STEPS
+of flow matching, counted in forward-equivalents (a backward pass is two); who needs a teacher
+spends half of that on it. The score is squared W2 for each condition, averaged.
 
     python benchmarks/one_step.py
 
@@ -21,6 +22,8 @@ from typing import Any
 
 import torch
 from cells import opened, score
+from scipy.optimize import linear_sum_assignment
+from sklearn.cluster import KMeans
 from torch import Tensor, nn
 
 from cotlearn.couplings import ConditionalOT, Coupling, FixedPairs, Independent, StratifiedOT
@@ -29,6 +32,7 @@ from cotlearn.flows import FlowMatching, VelocityMLP, fit, integrate
 from cotlearn.flows.diffusion import predict, regression_loss
 from cotlearn.flows.matching import Loss
 from cotlearn.flows.one_step import (
+    AlphaFlow,
     Drifting,
     LearnedSource,
     MeanFlow,
@@ -44,6 +48,7 @@ STEPS, ROWS, TEACHER_NFE, DRAWS = 4000, 8192, 16, 4
 SIZES: dict[str, Any] = {"width": 128, "depth": 3}
 BATCH = {"batch_size": 256, "ot_batch_size": 256}
 SEEDS, EVALUATIONS = range(5), (1, 2, 4)
+NEIGHBOURS, CLUSTERS, ROUNDS = 16, 8, 2
 DATA: dict[str, Any] = {
     "petals": petals(),
     "moving_modes": moving_modes(),
@@ -54,8 +59,11 @@ Draw = Callable[[Any, Tensor, Tensor, int], Tensor]
 
 def euler(network: Any, x0: Tensor, c: Tensor, nfe: int) -> Tensor:
     """Samples by Euler's method, from the source of the network if it has its own."""
-    start = network.source(x0, c) if isinstance(network, LearnedSource) else x0
-    return integrate(network, start, c, nfe=nfe).x1
+    if isinstance(network, LearnedSource):
+        return integrate(network, network.source(x0, c), c, nfe=nfe).x1
+    if isinstance(network, Clustered):
+        return integrate(network.network, network.source(x0, c), c, nfe=nfe).x1
+    return integrate(network, x0, c, nfe=nfe).x1
 
 
 def by_jumps(network: Any, x0: Tensor, c: Tensor, nfe: int) -> Tensor:
@@ -102,11 +110,14 @@ WAYS = {
     "mean flow, no instants": Way(
         MeanFlow(share_instant=0.0), 4 / 3, MeanVelocity, by_jumps, columns=1
     ),
+    "alpha-flow": Way(AlphaFlow(int(STEPS * 3 / 4)), 4 / 3, MeanVelocity, by_jumps, columns=1),
     "shortcut": Way(Shortcut(share=0.25), 1 + 0.25 * 2 / 3, MeanVelocity, by_jumps, columns=1),
     "drifting": Way(Drifting(DRAWS), cost=DRAWS, draw=at_once, evaluations=(1,)),
     "learned source": Way(learned_source_loss, 1.1, lambda plain: LearnedSource(plain, seed=0)),
     "reflow": Way(FlowMatching(), pairs=("teacher",)),
     "reflow on real data": Way(FlowMatching(), pairs=("teacher, inverted",)),
+    "source of a cluster": Way(FlowMatching(), pairs=("teacher, clustered",)),
+    "neighbour": Way(FlowMatching(), 0, draw=at_once, evaluations=(1,), pairs=("no",)),
 }
 
 
@@ -125,6 +136,73 @@ def trained_flow(data: Any, steps: int, coupling: Coupling, seed: int, start: An
     return fit(network, data, coupling, steps=steps, **options).network
 
 
+def inverted(teacher: Any, rows: Dataset) -> Tensor:
+    """The noise from which a flow makes each row."""
+
+    def backwards(t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
+        return -teacher(1 - t, x, c)
+
+    return integrate(backwards, rows.x1, rows.c, nfe=TEACHER_NFE, method="midpoint").x1
+
+
+def near(rows: Dataset, c: Tensor, x0: Tensor) -> Tensor:
+    """(B,), for each condition (B, k) a row with one of the nearest; the noise decides which."""
+    assert rows.c is not None
+    generator, found = torch.Generator().manual_seed(0), []
+    for some in c.split(2048):
+        distance = torch.cdist(some, rows.c)
+        ties = 1e-6 * torch.rand(distance.shape, generator=generator)
+        found.append((distance + ties).topk(NEIGHBOURS, largest=False).indices)
+    rank = (torch.special.ndtr(x0[:, :1]) * NEIGHBOURS).long().clamp(max=NEIGHBOURS - 1)
+    return torch.cat(found).gather(1, rank)[:, 0]
+
+
+@dataclass
+class Clustered:
+    """A flow that starts from the Gaussian of a cluster of the data, which a near row names."""
+
+    network: Any
+    rows: Dataset
+    cluster: Tensor  #: (n,)
+    means: Tensor  #: (K, d)
+    roots: Tensor  #: (K, d, d), of the covariances
+
+    def start(self, x0: Tensor, cluster: Tensor) -> Tensor:
+        """Noise (B, d) that standard normal noise x0 (B, d) becomes."""
+        return self.means[cluster] + (self.roots[cluster] @ x0[:, :, None])[:, :, 0]
+
+    def source(self, x0: Tensor, c: Tensor) -> Tensor:
+        """The same, of a cluster that goes with the condition."""
+        return self.start(x0, self.cluster[near(self.rows, c, x0.flip(1))])
+
+
+def clustered(rows: Dataset, seed: int) -> Clustered:
+    """COT-FM's alternation: the Gaussian of each cluster's inverse, assignment there, training."""
+    assert rows.c is not None
+    made = ROUNDS * TEACHER_NFE * len(rows) / (3 * BATCH["batch_size"])  # in steps
+    flow = trained_flow(rows, STEPS // 2, Independent(), seed)
+    both = torch.cat([rows.x1, rows.c], dim=1).numpy()
+    cluster = torch.as_tensor(
+        KMeans(CLUSTERS, n_init=4, random_state=seed).fit_predict(both)
+    ).long()
+    generator = torch.Generator().manual_seed(seed + 77)
+    members = [(cluster == k).nonzero()[:, 0] for k in range(CLUSTERS)]
+    source = Clustered(flow, rows, cluster, torch.zeros(0), torch.zeros(0))
+    for _ in range(ROUNDS):
+        noise = inverted(source.network, rows)
+        source.means = torch.stack([noise[rows_of].mean(dim=0) for rows_of in members])
+        source.roots = torch.linalg.cholesky(
+            torch.stack([noise[rows_of].T.cov() for rows_of in members]) + 1e-6 * torch.eye(2)
+        )
+        x0 = source.start(torch.randn(len(rows), 2, generator=generator), cluster)
+        for rows_of in members:
+            order = linear_sum_assignment(torch.cdist(rows.x1[rows_of], x0[rows_of]).square())[1]
+            x0[rows_of] = x0[rows_of][order]
+        steps = int((STEPS // 2 - made) / ROUNDS)
+        source.network = trained_flow(rows, steps, FixedPairs(x0), seed, source.network)
+    return source
+
+
 def reflowed(rows: Dataset, pairs: str, seed: int) -> Any:
     """A student on the pairs of a teacher; the teacher's pairs cost forward passes as well."""
     teacher = trained_flow(rows, STEPS // 2, Independent(), seed)
@@ -134,11 +212,7 @@ def reflowed(rows: Dataset, pairs: str, seed: int) -> Any:
     if pairs == "teacher":
         x1 = integrate(teacher, x0, rows.c, nfe=TEACHER_NFE).x1
     else:
-
-        def backwards(t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
-            return -teacher(1 - t, x, c)
-
-        x0 = integrate(backwards, x1, rows.c, nfe=TEACHER_NFE, method="midpoint").x1
+        x0 = inverted(teacher, rows)
     made = TEACHER_NFE * len(rows) / (3 * BATCH["batch_size"])  # in steps
     data = Dataset(x1, rows.c, name=f"{pairs}, {seed}")
     return trained_flow(data, int(STEPS // 2 - made), FixedPairs(x0), seed, teacher)
@@ -158,6 +232,10 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
         options: dict[str, Any] = {**BATCH, "loss": way.loss, "seed": seed, "progress": False}
         coupling = coupling_of(key["pairs"], key["data"])
         network: Any = fit(way.network(plain), rows, coupling, steps=steps, **options).network
+    elif key["way"] == "neighbour":
+        network = lambda t, x0, c: rows.x1[near(rows, c, x0)]  # noqa: E731
+    elif key["way"] == "source of a cluster":
+        network = clustered(rows, seed)
     else:
         network = reflowed(rows, key["pairs"], seed)
     seconds = time.process_time() - started

@@ -99,7 +99,8 @@ def fit(
         ot_batch_size: rows that are paired at once, a multiple of batch_size; batch_size if None.
         source: draws the noise, `source(n, generator=g)`; standard normal if None.
         seed: of pairs and times; the initial weights are those of `network`.
-        loss: loss(network, pairs, generator) -> one value per row, (B,).
+        loss: loss(network, pairs, generator) -> one value per row, (B,). If it has
+            `observe(network, step)`, that is called before each step.
         learning_rate: of Adam, above 0.
         schedule: "cosine" (the learning rate falls to 0) or "constant".
         ema: decay of the averaged weights, in [0, 1]; step s uses at most (1 + s)/(10 + s).
@@ -155,10 +156,12 @@ def fit(
     on_gpu = device.type != "cpu"  # then the CPU is idle
     ahead = coupling.solves and not coupling.uses_network and (on_gpu or has_spare_core())
     batches: Any = prefetch(stream) if ahead else stream
+    observers: list[Any] = [part for part in (coupling, loss) if hasattr(part, "observe")]
     with bar, contextlib.closing(batches), _interrupt_between_steps() as interrupted:
         while state.step < steps:
             started = time.perf_counter()
-            coupling.observe(state.averaged, state.step)
+            for part in observers:
+                part.observe(state.averaged, state.step)
             pairs = next(batches)
             if state.step == first:
                 validation.check_inputs(network, pairs.x1, pairs.c, "x1")

@@ -12,6 +12,7 @@ from cotlearn.couplings.base import Pairs
 from cotlearn.datasets import Dataset
 from cotlearn.flows import VelocityMLP, fit, integrate
 from cotlearn.flows.one_step import (
+    AlphaFlow,
     Drifting,
     LearnedSource,
     MeanFlow,
@@ -57,17 +58,53 @@ class Exact:
         return torch.where(tiny, slope, u) + self.error * x.sin() * (1 + length)
 
 
+def late(share):
+    loss = AlphaFlow(1, share)
+    loss.observe(None, 1)
+    return loss
+
+
 @pytest.mark.parametrize("share", [0.0, 0.5])
-def test_the_mean_velocity_of_a_gaussian_minimises_the_loss_of_mean_flows(monkeypatch, share):
+@pytest.mark.parametrize("kind", [MeanFlow, late])
+def test_the_mean_velocity_of_a_gaussian_minimises_the_loss_of_mean_flows(monkeypatch, kind, share):
     monkeypatch.setattr(mean_velocity, "SOFTENING", 1e6)  # equal weights
     error = torch.zeros((), dtype=torch.float64, requires_grad=True)
-    loss = MeanFlow(share)
+    loss = kind(share)
     values = 1e6 * loss(Exact(error), gaussian_pairs(100_000), rng())
     (slope,) = torch.autograd.grad(values.mean(), error)
     (wrong,) = torch.autograd.grad(
         1e6 * loss(Exact(error + 0.3), gaussian_pairs(100_000), rng()).mean(), error
     )
     assert abs(slope) < 0.05 < 0.3 < wrong
+
+
+def test_alpha_flow_goes_from_flow_matching_to_mean_flows(monkeypatch):
+    monkeypatch.setattr(mean_velocity, "SOFTENING", 1e6)
+    pairs, loss = gaussian_pairs(500), AlphaFlow(10, 0.0)
+    shares = []
+    for step in range(11):
+        loss.observe(None, step)
+        shares.append(loss.share_straight)
+    assert shares[0] > 0.999
+    assert shares == sorted(shares, reverse=True)
+    assert shares[-1] == 0.005
+
+    def slope(loss):
+        error = torch.tensor(0.3, dtype=torch.float64, requires_grad=True)
+        return torch.autograd.grad(1e6 * loss(Exact(error), pairs, rng()).mean(), error)[0]
+
+    torch.testing.assert_close(slope(loss), slope(MeanFlow(0.0)), rtol=0.05, atol=0)
+    loss.observe(None, 0)
+    x0, x1 = pairs.x0, pairs.x1
+    said = []
+
+    def zero(t, x, c, length):
+        said.append(length)
+        return torch.zeros_like(x)
+
+    expected = (x1 - x0).square().sum(dim=1)
+    torch.testing.assert_close(1e6 * loss(zero, pairs, rng()), expected, rtol=1e-3, atol=1e-3)
+    assert said[0].max() < 1e-4  # nothing is left to jump
 
 
 def test_two_halves_of_an_exact_jump_are_the_jump():
@@ -89,7 +126,7 @@ def test_without_jumps_both_are_flow_matching_at_length_zero():
     assert all((length == 0).all() for length in seen)
 
 
-@pytest.mark.parametrize("loss", [MeanFlow(), Shortcut(0.25)])
+@pytest.mark.parametrize("loss", [MeanFlow(), AlphaFlow(100), Shortcut(0.25)])
 def test_one_jump_of_a_trained_network(loss):
     x1 = MEAN + SPREAD * torch.randn(4000, 1, generator=rng())
     network = MeanVelocity(VelocityMLP(1, 1, width=64, seed=0))
@@ -108,6 +145,7 @@ def test_every_loss_trains_on_pairs_of_a_conditional_coupling():
     data, mlp = Dataset(x1, c), VelocityMLP(2, 2, width=16, seed=0)
     for loss, network in (
         (MeanFlow(), MeanVelocity(VelocityMLP(2, 3, width=16, seed=0))),
+        (AlphaFlow(20), MeanVelocity(VelocityMLP(2, 3, width=16, seed=0))),
         (Shortcut(), MeanVelocity(VelocityMLP(2, 3, width=16, seed=0))),
         (TwoPasses(), mlp),
         (Drifting(4), mlp),
@@ -193,6 +231,8 @@ class _Opaque(nn.Module):
     ("call", "message"),
     [
         (lambda: MeanFlow(1.5), "share_instant"),
+        (lambda: AlphaFlow(0), "steps"),
+        (lambda: AlphaFlow(9, 1.5), "share_instant"),
         (lambda: Shortcut(-0.1), "share"),
         (lambda: Drifting(1), "draws"),
         (lambda: MeanVelocity(VelocityMLP(2)), "condition_dim"),

@@ -4,7 +4,8 @@ The mean velocity from time t to r >= t is u(x, t, r) = (x_r - x_t) / (r - t), a
 the flow that passes x at t.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -17,6 +18,7 @@ from cotlearn.validation import check_count, check_inputs, check_share
 #: Of log(t / (1 - t)), which has deviation 1. (The paper's -0.4 counts time from the data.)
 LOCATION = 0.4
 SOFTENING = 0.01  #: added to the squared error in the weights of mean flows
+STEEPNESS, LEAST_STRAIGHT = 25.0, 0.005  #: of the sigmoid of alpha-flow, and where it ends
 LEVELS = 7  #: of shortcuts, from 1 down to 1/64
 
 
@@ -67,11 +69,7 @@ class MeanFlow:
         Raises:
             TypeError: the network has a layer without forward-mode differentiation.
         """
-        drawn = torch.randn(2, len(pairs), generator=generator).to(pairs.x0) + LOCATION
-        times = drawn.sigmoid()
-        t, r = times.amin(dim=0), times.amax(dim=0)
-        instant = torch.rand(len(pairs), generator=generator).to(pairs.x0) < self.share_instant
-        length = (r - t).masked_fill(instant, 0.0)
+        t, length = _starts_and_lengths(pairs, self.share_instant, generator)
         x, v = interpolate(pairs.x0, pairs.x1, t), pairs.x1 - pairs.x0
 
         def of(t: Tensor, x: Tensor, length: Tensor) -> Tensor:
@@ -87,6 +85,64 @@ class MeanFlow:
         u, change = both
         errors = squared_error(u, (v + length[:, None] * change).detach())
         return errors / (errors.detach() + SOFTENING)
+
+
+def _starts_and_lengths(
+    pairs: Pairs, share_instant: float, generator: torch.Generator
+) -> tuple[Tensor, Tensor]:
+    """Sorted logit-normal times t and r of each row as t and r - t, a share of them with r = t."""
+    drawn = torch.randn(2, len(pairs), generator=generator).to(pairs.x0) + LOCATION
+    times = drawn.sigmoid()
+    t, r = times.amin(dim=0), times.amax(dim=0)
+    instant = torch.rand(len(pairs), generator=generator).to(pairs.x0) < share_instant
+    return t, (r - t).masked_fill(instant, 0.0)
+
+
+@dataclass
+class AlphaFlow:
+    """The loss of alpha-flow (2510.20771): a straight piece, then a shorter jump.
+
+    From t to r, a share a of the time goes along v = x1 - x0 and the network jumps over the rest.
+    The target a v + (1 - a) u(x_s, s, r), with s = t + a (r - t), is fixed. With a = 1 this is flow
+    matching at all lengths; as a falls to 0, the gradient of the error divided by a becomes that
+    of `MeanFlow`, without a forward-mode product. In `fit`, a falls from 1 to 0.005 by a sigmoid.
+    Times and weights are those of `MeanFlow`.
+
+    Args:
+        steps: in which a falls: those of the training.
+        share_instant: share of the rows with r = t, in [0, 1].
+    """
+
+    steps: int
+    share_instant: float = 0.75
+    _step: int = field(default=0, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        check_count(self.steps, "steps")
+        check_share(self.share_instant, "share_instant")
+
+    def observe(self, network: nn.Module, step: int) -> None:
+        """Take the step, from which the share a follows."""
+        self._step = step
+
+    @property
+    def share_straight(self) -> float:
+        """The share a of a jump that is straight, at the current step."""
+        return max(LEAST_STRAIGHT, 1 / (1 + math.exp(STEEPNESS * (self._step / self.steps - 0.5))))
+
+    def __call__(self, network: MeanVelocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
+        """The weighted squared error of each row, (B,)."""
+        a = self.share_straight
+        t, length = _starts_and_lengths(pairs, self.share_instant, generator)
+        x, v = interpolate(pairs.x0, pairs.x1, t), pairs.x1 - pairs.x0
+        with torch.no_grad():
+            later = x + (a * length)[:, None] * v
+            rest = network(t + a * length, later, pairs.c, (1 - a) * length)
+            straight = torch.where(length > 0, a, 1.0)[:, None]
+            target = straight * v + (1 - straight) * rest
+        errors = squared_error(network(t, x, pairs.c, length), target)
+        share = straight[:, 0]
+        return errors / share / (errors.detach() / share.square() + SOFTENING)
 
 
 @dataclass(frozen=True)
@@ -132,7 +188,7 @@ def jump(network: MeanVelocity, x0: Tensor, c: Tensor | None = None, *, nfe: int
     """Samples (B, d) by nfe equal jumps from noise.
 
     Args:
-        network: trained with `MeanFlow` or `Shortcut`.
+        network: trained with `MeanFlow`, `AlphaFlow` or `Shortcut`.
         x0: (B, d) noise.
         c: (B, k), or None.
         nfe: evaluations of the network.
