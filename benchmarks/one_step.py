@@ -42,18 +42,46 @@ from cotlearn.flows.one_step import (
     jump,
     learned_source_loss,
 )
-from cotlearn.mixtures import moving_modes, petals, rotating_pair
+from cotlearn.mixtures import (
+    Components,
+    ConditionalGaussianMixture,
+    moving_modes,
+    petals,
+    rotating_pair,
+)
 
 STEPS, ROWS, TEACHER_NFE, DRAWS = 4000, 8192, 16, 4
 SIZES: dict[str, Any] = {"width": 128, "depth": 3}
 BATCH = {"batch_size": 256, "ot_batch_size": 256}
 SEEDS, EVALUATIONS = range(5), (1, 2, 4)
 NEIGHBOURS, CLUSTERS, ROUNDS = 16, 8, 2
+SOURCE = 0.6  #: deviation of COT-FM's noise; its data are divided by it, ours is standard normal
+
+
+def five_gaussians() -> ConditionalGaussianMixture:
+    """COT-FM's toy with the number of the Gaussian as condition: (10, 4 (i - 2)), deviation .5."""
+    labels = torch.eye(5)
+
+    def components(c: Tensor) -> Components:
+        y = 4 * (c.argmax(dim=1) - 2.0)
+        means = torch.stack([torch.full_like(y, 10.0), y], dim=1)[:, None] / SOURCE
+        return Components(means.new_zeros(len(c), 1), means, torch.full_like(means, 0.5 / SOURCE))
+
+    def conditions(n: int, generator: torch.Generator | None) -> Tensor:
+        return labels[torch.randint(5, (n,), generator=generator)]
+
+    return ConditionalGaussianMixture(
+        "five_gaussians", 2, 5, components, conditions, lambda n: labels
+    )
+
+
 DATA: dict[str, Any] = {
     "petals": petals(),
     "moving_modes": moving_modes(),
     "rotating_pair": rotating_pair(),
+    "five_gaussians": five_gaussians(),
 }
+LABELS = ("petals", "five_gaussians")
 Draw = Callable[[Any, Tensor, Tensor, int], Tensor]
 
 
@@ -124,7 +152,7 @@ WAYS = {
 def coupling_of(name: str, data: str) -> Coupling:
     """Independent pairs, or conditional ones: exact for labels, in strata for a number."""
     if name == "conditional":
-        return ConditionalOT(math.inf) if data == "petals" else StratifiedOT(128)
+        return ConditionalOT(math.inf) if data in LABELS else StratifiedOT(128)
     return Independent()
 
 
@@ -253,6 +281,7 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
 def main() -> None:
     """Fills the table."""
     protocol = {"steps": STEPS, "rows": ROWS, "teacher_nfe": TEACHER_NFE, "draws": DRAWS}
+    protocol |= {"clusters": CLUSTERS, "rounds": ROUNDS, "neighbours": NEIGHBOURS}
     table = opened(__doc__ or "", {**protocol, **BATCH, **SIZES})
     keys = [
         {"data": data, "way": way, "pairs": pairs, "seed": seed}
