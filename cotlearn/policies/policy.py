@@ -64,7 +64,16 @@ class ChunkPolicy:
         self.network.eval()
 
     def with_sampler(self, sampler: Sampler) -> Self:
-        """The same policy with another sampler."""
+        """The same policy with another sampler.
+
+        Raises:
+            ValueError: the network was trained for another kind of sampler.
+        """
+        if self.sampler.training and sampler.training not in ("", self.sampler.training):
+            raise ValueError(
+                f"sampler must be for the training {self.sampler.training!r}, "
+                f"got {sampler} for {sampler.training!r}"
+            )
         return replace(self, sampler=sampler)
 
     def noise(self, n: int, generator: Generator | None = None) -> Tensor:

@@ -22,6 +22,12 @@ class Sampler:
 
     method: str  #: what a table calls it, before the number of evaluations
     random: ClassVar[bool] = True  #: whether samples depend on the noise
+    family: ClassVar[str] = ""  #: of the training; empty: any
+
+    @property
+    def training(self) -> str:
+        """The training that the network must have had: "flow, velocity"; empty: any."""
+        return ", ".join(filter(None, (self.family, getattr(self, "prediction", ""))))
 
     @property
     def draws(self) -> int:
@@ -59,6 +65,7 @@ class FlowSampler(Sampler):
         prediction: of the network, see `FlowMatching`.
     """
 
+    family = "flow"
     nfe: int = 16
     method: str = "euler"
     prediction: str = "velocity"
@@ -97,6 +104,7 @@ class DDPMSampler(Sampler):
     """
 
     method = "ddpm"
+    family = "diffusion"
     levels: int = 100
     clip: float = 1.0
     prediction: str = "noise"
@@ -135,6 +143,7 @@ class DDIMSampler(Sampler):
     """Few deterministic steps of a diffusion model."""
 
     method = "ddim"
+    family = "diffusion"
     nfe: int = 16
     levels: int = 100
     spacing: str = "leading"
@@ -164,6 +173,7 @@ class JumpSampler(Sampler):
     """
 
     method = "jump"
+    family = "mean velocity"
     nfe: int = 16
 
     @property
@@ -180,6 +190,7 @@ class JumpSampler(Sampler):
 class TwoPassSampler(Sampler):
     """The answer of a regression, and its refinement; of the noise only the shape counts."""
 
+    family = "two passes"
     nfe = 2
     name = "two-passes"
     random = False
@@ -193,6 +204,7 @@ class TwoPassSampler(Sampler):
 class MeanSampler(Sampler):
     """The one chunk that a regression predicts; of the noise only the shape counts."""
 
+    family = "regression"
     nfe = 1
     name = "mean"
     random = False

@@ -11,7 +11,13 @@ from cotlearn.flows.diffusion import Diffusion
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet, VelocityMLP
 from cotlearn.flows.solvers import integrate
 from cotlearn.policies.policy import ChunkPolicy
-from cotlearn.policies.samplers import DDIMSampler, DDPMSampler, FlowSampler, MeanSampler
+from cotlearn.policies.samplers import (
+    DDIMSampler,
+    DDPMSampler,
+    FlowSampler,
+    JumpSampler,
+    MeanSampler,
+)
 from cotlearn.policies.windows import Windows
 
 SAMPLERS = [
@@ -123,9 +129,18 @@ def test_a_network_that_predicts_the_data_has_no_velocity_at_the_end():
 def test_latency_and_another_sampler(network, windows):
     policy = ChunkPolicy(network, windows, FlowSampler(1))
     assert 0 < policy.latency(repetitions=3) < 1
-    slow = policy.with_sampler(DDPMSampler())
+    slow = policy.with_sampler(FlowSampler(64))
     assert slow.network is policy.network
     assert slow.latency(repetitions=3) > 3 * policy.latency(repetitions=3)
+
+
+@pytest.mark.parametrize(
+    "other", [DDPMSampler(), FlowSampler(1, prediction="data"), MeanSampler(), JumpSampler(1)]
+)
+def test_a_sampler_must_fit_the_training(network, windows, other):
+    policy = ChunkPolicy(network, windows, FlowSampler(1))
+    with pytest.raises(ValueError, match="sampler must be for the training 'flow, velocity', got"):
+        policy.with_sampler(other)
 
 
 def test_a_policy_drives_gymnasiums_vector_environment(network, windows):
