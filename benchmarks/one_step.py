@@ -139,6 +139,9 @@ WAYS = {
         MeanFlow(share_instant=0.0), 4 / 3, MeanVelocity, by_jumps, columns=1
     ),
     "alpha-flow": Way(AlphaFlow(int(STEPS * 3 / 4)), 4 / 3, MeanVelocity, by_jumps, columns=1),
+    "alpha-flow, few instants": Way(
+        AlphaFlow(int(STEPS * 3 / 4), share_instant=0.25), 4 / 3, MeanVelocity, by_jumps, columns=1
+    ),
     "shortcut": Way(Shortcut(share=0.25), 1 + 0.25 * 2 / 3, MeanVelocity, by_jumps, columns=1),
     "drifting": Way(Drifting(DRAWS), cost=DRAWS, draw=at_once, evaluations=(1,)),
     "learned source": Way(learned_source_loss, 1.1, lambda plain: LearnedSource(plain, seed=0)),
