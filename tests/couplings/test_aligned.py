@@ -335,7 +335,7 @@ B = batch()
         (lambda: ModelAligned(boost=-0.5), ValueError, "boost must be at least 0"),
         (lambda: ModelAligned(warmup_steps=-1), ValueError, "warmup_steps must be at least 0"),
         (lambda: ModelAligned(regularization=(2.0, 0.0)), ValueError, "regularization must be ab"),
-        (lambda: ModelAligned(regularization=0.2), TypeError, "object is not iterable|unpack"),
+        (lambda: ModelAligned(regularization=0.2), ValueError, "regularization must have shape"),
         (lambda: ModelAligned(condition_weight=1.0), ValueError, "condition_weight is for variant"),
         (lambda: ModelAligned("full", condition_weight=math.inf), ValueError, "condition_weight"),
         (lambda: ModelAligned()(*B), ValueError, "no network yet: call observe"),

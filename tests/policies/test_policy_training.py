@@ -302,7 +302,7 @@ def test_bench_push_t(data, tmp_path):
         (("train", "push-t", "--coupling", "magic"), "method must be one of"),
         (("train", "push-t", "--network", "lstm"), "network must be one of mlp, unet"),
         (("train", "push-t", "--frame", "mine"), "frame must be one of body, world"),
-        (("bench", "push-t", "--seeds", "one"), "seeds must be whole numbers"),
+        (("bench", "push-t", "--seeds", "one"), "seeds must be integers"),
         (("bench", "push-t", "--methods", "magic"), "method must be one of"),
         (("bench", "push-t-human"), "held_out must"),
     ],

@@ -41,7 +41,8 @@ def rasterise(states: ArrayLike | Tensor, *, size: int = 96) -> Tensor:
     """
     values = states if isinstance(states, Tensor) else torch.tensor(check_real(states, "states"))
     values = values if values.is_complex() else values.float()
-    values = check_matrix(values, "states", columns=5)
+    if values.shape != (0, 5):  # no states, no images
+        check_matrix(values, "states", columns=5)
     check_count(size, "size")
     image = torch.empty(len(values), 3, size, size, dtype=torch.uint8, device=values.device)
     rows = max(1, _AT_ONCE // size**2)
