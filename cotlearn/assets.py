@@ -14,6 +14,8 @@ from cotlearn.files import write_text
 
 #: In the folder `data/`: one line per file, in the format of the program `sha256sum`.
 SUMS = "SHA256SUMS"
+#: Folders of notebooks beside the path: what a lesson leaves out, and related work.
+ROOMS = ("laboratory", "extras")
 
 _PACKAGE = Path(__file__).resolve().parent
 _NUMBERED = re.compile(r"\d\d_.*\.ipynb")
@@ -32,18 +34,19 @@ def course_folder() -> Path:
     return checkout() or _PACKAGE / "_course"
 
 
-def notebooks() -> list[Path]:
-    """Returns the numbered notebooks of the course in reading order."""
-    return _numbered(course_folder() / "notebooks")
+def notebooks(room: str = "") -> list[Path]:
+    """Returns the numbered notebooks of the path in reading order, or those of a side room.
 
-
-def extras() -> list[Path]:
-    """Returns the short notebooks around the subject, in `notebooks/extras/`, in order."""
-    return _numbered(course_folder() / "notebooks" / "extras")
-
-
-def _numbered(folder: Path) -> list[Path]:
+    Args:
+        room: "" for the path, or a folder of `ROOMS`.
+    """
+    folder = course_folder() / "notebooks" / room
     return sorted(path for path in folder.glob("*.ipynb") if _NUMBERED.fullmatch(path.name))
+
+
+def all_notebooks() -> list[Path]:
+    """Returns the notebooks of the path, then those of the side rooms."""
+    return [path for room in ("", *ROOMS) for path in notebooks(room)]
 
 
 def find_notebook(name: str) -> Path:
@@ -51,7 +54,7 @@ def find_notebook(name: str) -> Path:
 
     Args:
         name: A number ("00"), a name ("00_start_here", with or without ".ipynb"), either after
-            "extras/" for the notebooks there, or the path of any notebook.
+            "laboratory/" or "extras/" for the notebooks there, or the path of any notebook.
 
     Returns:
         The path of an existing notebook.
@@ -63,9 +66,9 @@ def find_notebook(name: str) -> Path:
     if path.suffix == ".ipynb" and path.is_file():
         return path
     stem = path.name.removesuffix(".ipynb")
-    inside = path.parent.name == "extras"
-    available = {item.stem: item for item in (extras() if inside else notebooks())}
-    if path.parent.as_posix() in {".", "notebooks", "extras", "notebooks/extras"}:
+    room = path.parent.name if path.parent.name in ROOMS else ""
+    available = {item.stem: item for item in notebooks(room)}
+    if path.parent.as_posix() in {room or ".", f"notebooks/{room}".rstrip("/")}:
         for key, item in available.items():
             if stem == key or (stem.isdigit() and int(stem) == int(key[:2])):
                 return item
@@ -149,7 +152,7 @@ def _sha256(path: Path) -> str:
 def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
     """Copies all notebooks into `folder` without overwriting existing files.
 
-    Homework goes beside the numbered notebooks, the extras into a folder `extras`.
+    Homework goes beside the notebooks of the path, side rooms into folders of their names.
 
     Args:
         folder: The destination; created if it does not exist.
@@ -166,7 +169,7 @@ def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
     homework = sorted((course_folder() / "notebooks" / "homework" / "student").glob("*.ipynb"))
     copied, kept = [], []
     places = {source: folder / source.name for source in [*notebooks(), *homework]}
-    places |= {source: folder / "extras" / source.name for source in extras()}
+    places |= {source: folder / room / source.name for room in ROOMS for source in notebooks(room)}
     for source, target in places.items():
         target.parent.mkdir(exist_ok=True)
         if target.exists():

@@ -35,6 +35,7 @@ root_doc = "docs/index"
 include_patterns = [
     "docs/**.md",
     "notebooks/[0-9][0-9]_*.ipynb",
+    "notebooks/laboratory/*.ipynb",
     "notebooks/extras/*.ipynb",
     "CHANGELOG.md",
     "CONTRIBUTING.md",

@@ -18,7 +18,7 @@ from pathlib import Path
 import nbformat
 from nbconvert.exporters import SlidesExporter
 
-from cotlearn.assets import extras, find_notebook, notebooks
+from cotlearn.assets import all_notebooks, find_notebook
 
 OUT = Path(__file__).resolve().parents[1] / "build" / "slides"
 NO_ALT = "No description has been provided for this image"  #: nbconvert's words
@@ -101,7 +101,7 @@ def main(arguments: list[str] | None = None) -> int:
     exporter = SlidesExporter(reveal_scroll=True)
     if options.reveal:
         exporter.reveal_url_prefix = options.reveal
-    for path in [find_notebook(n) for n in options.notebook] or [*notebooks(), *extras()]:
+    for path in [find_notebook(n) for n in options.notebook] or all_notebooks():
         slides = as_slides(nbformat.read(path, as_version=4))
         page = with_alts(exporter.from_notebook_node(slides)[0], slides)
         (OUT / f"{path.stem}.slides.html").write_text(page, encoding="utf-8")

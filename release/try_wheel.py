@@ -82,7 +82,7 @@ def notebooks() -> None:
     listed = "--version"  # JupyterLab's own option: it says its version instead of opening
     command("lab", "--to", str(folder), listed)
     copied = sorted(folder.rglob("*.ipynb"))
-    expected = [path.name for path in [*assets.notebooks(), *assets.extras()]]
+    expected = [path.name for path in assets.all_notebooks()]
     students = [path.name for path in copied if path.name.startswith("hw")]
     say(f"lab copied {len(copied)} notebooks", [p.name for p in copied] == expected + students)
     say(f"{len(students)} of them homework", len(students) >= 4)

@@ -14,8 +14,9 @@ def course(tmp_path, monkeypatch):
     (root / "notebooks").mkdir(parents=True)
     for name in ("00_start_here", "01_first", "10_last", "scratch"):
         (root / "notebooks" / f"{name}.ipynb").write_text("{}")
-    (root / "notebooks" / "extras").mkdir()
-    (root / "notebooks" / "extras" / "01_aside.ipynb").write_text("{}")
+    for room in assets.ROOMS:
+        (root / "notebooks" / room).mkdir()
+        (root / "notebooks" / room / "01_aside.ipynb").write_text("{}")
     (root / "data" / "deep").mkdir(parents=True)
     (root / "data" / "deep" / "table.npz").write_bytes(b"1")
     (root / "secret.txt").write_text("outside data")
@@ -36,9 +37,10 @@ def test_a_notebook_has_many_names(course, name):
     assert assets.find_notebook(name) == course / "notebooks" / "00_start_here.ipynb"
 
 
-@pytest.mark.parametrize("name", ["extras/1", "extras/01_aside", "notebooks/extras/01_aside.ipynb"])
-def test_an_extra_has_many_names(course, name):
-    assert assets.find_notebook(name) == assets.extras()[0]
+@pytest.mark.parametrize("room", assets.ROOMS)
+@pytest.mark.parametrize("name", ["{}/1", "{}/01_aside", "notebooks/{}/01_aside.ipynb"])
+def test_a_notebook_of_a_side_room_has_many_names(course, room, name):
+    assert assets.find_notebook(name.format(room)) == assets.notebooks(room)[0]
     assert assets.find_notebook("01").stem == "01_first"
 
 

@@ -78,7 +78,7 @@ def run(
         from cotlearn.validation import check_output
 
         paths = [assets.find_notebook(name) for name in notebook or []]
-        paths = paths or [*assets.notebooks(), *assets.extras()]
+        paths = paths or assets.all_notebooks()
         if not paths:
             raise ValueError(f"no notebooks in {assets.course_folder()}; get the course again")
         if html is not None:

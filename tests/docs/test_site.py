@@ -20,7 +20,8 @@ from docstrings import prepare  # noqa: E402
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]  # Sphinx's own are many
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb"))
-EXTRAS = sorted((ROOT / "notebooks" / "extras").glob("*.ipynb"))
+ROOMS = ("laboratory", "extras")
+BESIDE = [path for room in ROOMS for path in sorted((ROOT / "notebooks" / room).glob("*.ipynb"))]
 
 
 def cells(path):
@@ -53,7 +54,7 @@ def test_no_word_is_misspelled(tmp_path):
     assert make.misspelled(tmp_path) == []
 
 
-@pytest.mark.parametrize("path", [*NOTEBOOKS, *EXTRAS], ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [*NOTEBOOKS, *BESIDE], ids=lambda path: path.stem)
 def test_a_chapter_shows_its_figures_with_their_texts(site, path):
     html = page(site, path.relative_to(ROOT).with_suffix("").as_posix())
     expected = []
@@ -76,10 +77,11 @@ def test_rows_of_panels_are_marked_as_wide(site):
 
 
 def test_every_notebook_is_a_chapter_in_order(site):
-    pattern = r'href="\.\./notebooks/((?:extras/)?\d\d_\w+)\.html"'
+    pattern = r'href="\.\./notebooks/((?:\w+/)?\d\d_\w+)\.html"'
     found = list(dict.fromkeys(re.findall(pattern, page(site, "docs/index"))))
     assert [name for name in found if "/" not in name] == [path.stem for path in NOTEBOOKS]
-    assert [name for name in found if "/" in name] == [f"extras/{path.stem}" for path in EXTRAS]
+    beside = [f"{path.parent.name}/{path.stem}" for path in BESIDE]
+    assert [name for name in found if "/" in name] == beside
 
 
 def test_the_first_page_leads_to_the_site(site):

@@ -5,10 +5,11 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 NOTEBOOKS = sorted(ROOT.glob("notebooks/[0-9][0-9]_*.ipynb"))
+NOTEBOOKS += sorted(ROOT.glob("notebooks/laboratory/*.ipynb"))
 NOTEBOOKS += sorted(ROOT.glob("notebooks/extras/*.ipynb"))
 
 
-@pytest.fixture(params=NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.fixture(params=NOTEBOOKS, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def path(request):
     return request.param
 

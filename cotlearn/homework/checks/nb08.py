@@ -1,11 +1,22 @@
 """The checks of notebook 08."""
 
+from collections.abc import Iterable
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import torch
+from torch import Tensor
 
-from cotlearn.homework.checks.common import Array, Case, Cases, call, table
+from cotlearn.homework.checks.common import (
+    Array,
+    Case,
+    Cases,
+    call,
+    cheapest,
+    permutation,
+    table,
+)
 from cotlearn.homework.registry import NotYet
 
 
@@ -45,6 +56,66 @@ def verdict() -> Cases:
         "an interval that contains -margin decides nothing: that is 'open'": never_open,
     }
     yield Case(None, right, wrong, otherwise, read=read)
+
+
+@table("08.within")
+def within() -> Cases:
+    """The name of the policy with the highest success within a budget; the faster one of equals."""
+    rows = [
+        {"name": "A", "ms": 40.0, "success": 0.99},
+        {"name": "B", "ms": 1.0, "success": 0.20},
+        {"name": "C", "ms": 5.0, "success": 0.97},
+        {"name": "D", "ms": 2.0, "success": 0.97},
+        {"name": "E", "ms": 8.0, "success": 0.60},
+    ]
+    for budget in (8.0, 5.0, 40.0, 1.0, 3.0, 0.5):
+        right = best(row for row in rows if row["ms"] <= budget)
+        wrong = {
+            "that policy needs more milliseconds than the budget": "A",
+            "those two are equally good: take the faster one": "C",
+            "the slowest that fits is not always the best: compare success": "E",
+            "the fastest is not always the best: compare success": "B",
+        }
+        if right == "none":
+            wrong = {"none of the policies is fast enough: return 'none'": "B"}
+        below = best(row for row in rows if row["ms"] < budget)
+        wrong["'at most' includes the budget itself: use <="] = below
+        yield Case(
+            (budget, rows), right, {hint: name for hint, name in wrong.items() if name != right}
+        )
+
+
+def best(rows: Iterable[dict[str, Any]]) -> str:
+    """The name of the row of the highest success, the faster one of equals."""
+    key = {row["name"]: (row["success"], -row["ms"]) for row in rows}
+    return max(key, key=key.__getitem__, default="none")
+
+
+@table("08.centred_plan")
+def centred_plan(g: torch.Generator) -> Cases:
+    """The rows of x1 whose residuals are assigned to the rows of noise at the least cost."""
+    for n in (5, 8):
+        x0, noise, c = (torch.randn(n, 2, generator=g) for _ in range(3))
+        mean = torch.stack([4 * c[:, 0], 3 * c[:, 1] ** 2], dim=1)
+        x1 = mean + noise * torch.tensor([0.5, 2.0])
+        right = cheapest(torch.cdist(x0, x1 - mean) ** 2)
+        wrong = {
+            "that pairs noise with x1 itself: subtract the mean first": torch.cdist(x0, x1) ** 2,
+            "that adds the mean: subtract it": torch.cdist(x0, x1 + mean) ** 2,
+            "the squared distance is to be small, not large": -(torch.cdist(x0, x1 - mean) ** 2),
+            "square the distances": torch.cdist(x0, x1 - mean),
+        }
+        plans = {hint: cheapest(cost) for hint, cost in wrong.items()}
+        turned_round = torch.argsort(right)
+        plans["entry i is the row of x1 for row i of x0, not the other way round"] = turned_round
+        plans = {hint: plan for hint, plan in plans.items() if not torch.equal(plan, right)}
+
+        def read(value: Any, n: int = n) -> Tensor:
+            return permutation(value, n, "each row of x1 is used once")
+
+        yield Case(
+            (x0, x1, mean), right, plans, "some pairs are not those of least cost", read=read
+        )
 
 
 @table("08.choose")
