@@ -96,7 +96,7 @@ def centred_plan(g: torch.Generator) -> Cases:
     """The rows of x1 whose residuals are assigned to the rows of noise at the least cost."""
     for n in (8, 12):
         x0, noise, c = (torch.randn(n, 2, generator=g) for _ in range(3))
-        mean = torch.stack([4 * c[:, 0], 3 * c[:, 1] ** 2], dim=1)
+        mean = torch.stack([1.5 * c[:, 0], c[:, 1] ** 2], dim=1)
         x1 = mean + noise * torch.tensor([0.5, 2.0])
         right = cheapest(torch.cdist(x0, x1 - mean) ** 2)
         wrong = {
