@@ -94,7 +94,7 @@ def best(rows: Iterable[dict[str, Any]]) -> str:
 @table("08.centred_plan")
 def centred_plan(g: torch.Generator) -> Cases:
     """The rows of x1 whose residuals are assigned to the rows of noise at the least cost."""
-    for n in (8, 12):
+    for n in (12, 16):
         x0, noise, c = (torch.randn(n, 2, generator=g) for _ in range(3))
         mean = torch.stack([1.5 * c[:, 0], c[:, 1] ** 2], dim=1)
         x1 = mean + noise * torch.tensor([0.5, 2.0])
