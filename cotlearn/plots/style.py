@@ -38,6 +38,7 @@ LOOKS = {
     "aligned": Look("model-aligned", "#882255", "X", (0, (3, 1, 1, 1, 1, 1))),
     "reflow": Look("reflow", "#999999", "*", (0, (5, 4))),
     "diffusion": Look("diffusion", "#332288", "h", (0, (6, 1, 1, 1))),
+    "diffusion_residual": Look("diffusion, residual pairs", "#AA4499", "8", (0, (6, 2))),
     "behaviour_cloning": Look("regression (BC)", "#997700", "p", (0, (4, 2))),
     "truth": Look("truth", "#000000", ".", ":"),
 }

@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from cotlearn.plots.style import label_of
+
 
 @dataclass(frozen=True, repr=False)
 class Table:
@@ -40,25 +42,35 @@ class Table:
         return f"<table><thead>{line('th', self.head)}</thead><tbody>{body}</tbody></table>"
 
 
-def table(rows: Sequence[Mapping[str, Any]], *, low: Sequence[str] = (), digits: int = 3) -> Table:
+def table(
+    rows: Sequence[Mapping[str, Any]],
+    *,
+    low: Sequence[str] = (),
+    high: Sequence[str] = (),
+    digits: int = 3,
+) -> Table:
     """Make a table of rows with the same columns, the best value of a column marked.
 
     Args:
         rows: column -> value, for each row, None if there is none; the columns are those of the
-            first.
+            first. A column "method" shows the labels of the methods.
         low: columns of numbers where the smallest is best.
+        high: columns of numbers where the largest is best.
         digits: after the point, for floating-point numbers.
     """
     head = tuple(rows[0])
     best = set()
-    for name in low:
-        least = min(row[name] for row in rows if row[name] is not None)
-        best |= {(i, head.index(name)) for i, row in enumerate(rows) if row[name] == least}
-    words = (tuple(_word(row[name], digits) for name in head) for row in rows)
+    for name in (*low, *high):
+        choose = min if name in low else max
+        top = choose(row[name] for row in rows if row[name] is not None)
+        best |= {(i, head.index(name)) for i, row in enumerate(rows) if row[name] == top}
+    words = (tuple(_word(name, row[name], digits) for name in head) for row in rows)
     return Table(head, tuple(words), frozenset(best))
 
 
-def _word(value: Any, digits: int) -> str:
+def _word(name: str, value: Any, digits: int) -> str:
     if value is None:
         return ""
+    if name == "method":
+        return label_of(value)
     return f"{value:.{digits}f}" if isinstance(value, float) else str(value)

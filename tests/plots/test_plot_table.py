@@ -12,3 +12,11 @@ def test_the_best_is_marked_in_both_forms():
     assert "<td>a &lt; b</td><td>1.25</td>" in page
     assert page.count("<b>") == 2
     assert "<b>0.50</b>" in page
+
+
+def test_a_largest_value_is_marked_and_methods_have_their_labels():
+    rows = [{"method": "minibatch_ot", "n": 2}, {"method": "mine", "n": None}]
+    assert repr(plots.table(rows, high=["n"])).split("\n")[1:] == [
+        "minibatch OT (naive)  2*",
+        "mine",
+    ]
