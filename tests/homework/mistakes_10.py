@@ -1,6 +1,7 @@
 """Wrong answers to the exercises of notebook 10, words of their hints, right ones."""
 
 import numpy as np
+import torch
 
 from cotlearn.metrics import mode_entropy
 
@@ -17,12 +18,24 @@ def by_share(modes):
         return -(share * np.log(share)).sum(axis=0).mean()
 
 
-def clean(points):
-    return [p for p in points if not p.flagged]
+def error(model, x0, c, x1):
+    return (model(x0, c) - x1).square().sum(dim=1).mean()
 
 
-def least(points, what):
-    return min(points, key=lambda p: getattr(p, what)).name
+def gap(model, x0, c, x1, order):
+    return error(model, x0[order], c, x1) - error(model, x0, c, x1)
+
+
+def pareto(policies, strictly=False):
+    found = []
+    for name, (success, variety) in policies.items():
+        others = [o for o in policies.values() if o != (success, variety)]
+        if strictly:
+            beaten = any(o[0] > success and o[1] > variety for o in others)
+        else:
+            beaten = any(o[0] >= success and o[1] >= variety for o in others)
+        found += [] if beaten else [name]
+    return found
 
 
 MISTAKES = [
@@ -42,19 +55,40 @@ MISTAKES = [
     ("10.ways_entropy", lambda m: 0.5, "expected"),
     ("10.ways_entropy", lambda m: m, "one number"),
     ("10.ways_entropy", 1.0, "expected a function"),
-    ("10.choose", lambda ps: least(ps, "one_step_variance"), "leave out those with"),
-    ("10.choose", lambda ps: least(clean(ps) or ps, "one_step_variance"), "all points are flagged"),
-    ("10.choose", lambda ps: least(ps, "skew"), "not the skew"),
-    ("10.choose", lambda ps: "z", "expected"),
-    ("10.choose", "c", "expected a function"),
+    ("10.gap", lambda *given: -gap(*given), "fresh minus coupled"),
+    (
+        "10.gap",
+        lambda m, x0, c, x1, o: error(m, x0[o], c[o], x1) - error(m, x0, c, x1),
+        "stay with",
+    ),
+    (
+        "10.gap",
+        lambda m, x0, c, x1, o: error(m, x0, c[o], x1) - error(m, x0, c, x1),
+        "not the cond",
+    ),
+    ("10.gap", lambda m, x0, c, x1, o: gap(m, x0, c, x1, torch.arange(len(o))), "nothing changes"),
+    ("10.gap", lambda *given: gap(*given) / 3, "not a mean"),
+    ("10.gap", lambda *given: gap(*given) * len(given[1]), "not the sum"),
+    ("10.gap", lambda m, x0, c, x1, o: error(m, x0[o], c, x1), "expected"),
+    ("10.gap", lambda *given: torch.zeros(3), "one number"),
+    ("10.pareto", lambda ps: sorted(set(ps) - set(pareto(ps))), "the beaten ones"),
+    ("10.pareto", lambda ps: pareto(ps, strictly=True), "is enough to beat"),
+    ("10.pareto", lambda ps: [max(ps, key=lambda k: sum(ps[k]))], "not their product"),
+    ("10.pareto", lambda ps: [max(ps, key=ps.get)], "not success alone"),
+    ("10.pareto", lambda ps: list(ps), "expected"),
+    ("10.pareto", lambda ps: 3, "in a list"),
+    ("10.memorises", lambda s, f: [k for k in s if s[k][0] > f * s[k][1]], "new / known"),
+    ("10.memorises", lambda s, f: [k for k in s if s[k][1] - s[k][0] > f], "not the difference"),
+    ("10.memorises", lambda s, f: [k for k in s if s[k][1] > s[k][0]], "use the factor"),
+    ("10.memorises", lambda s, f: [k for k in s if s[k][1] > f], "its own score"),
+    ("10.memorises", lambda s, f: "a", "in a list"),
 ]
 
-
-def the_point(points):
-    best = clean(points)
-    if best:
-        return min(best, key=lambda p: p.one_step_variance)
-    return min(points, key=lambda p: p.skew)
-
-
-RIGHT = [("10.ways_entropy", mode_entropy), ("10.choose", the_point)]
+RIGHT = [
+    ("10.ways_entropy", mode_entropy),
+    ("10.gap", gap),
+    ("10.gap", lambda *given: float(gap(*given))),
+    ("10.pareto", pareto),
+    ("10.pareto", lambda ps: tuple(reversed(pareto(ps)))),
+    ("10.memorises", lambda s, f: [k for k, (known, new) in s.items() if new / known > f]),
+]

@@ -121,34 +121,19 @@ def centred_plan(g: torch.Generator) -> Cases:
 @table("08.choose")
 def choose() -> Cases:
     """The point of smallest one-step variance without significant skew, else of least skew."""
-    yield chosen(
-        ("naive", 0.12, True, 14.0),
-        ("64", 0.017, False, 17.0),
-        ("512", 0.006, False, 18.5),
-        ("independent", -0.001, False, 20.4),
-    )
-    yield chosen(
-        ("independent", -0.002, False, 20.0),
-        ("64", 0.06, True, 16.0),
-        ("512", 0.01, False, 18.1),
-        ("4096", 0.003, False, 19.7),
-    )
-    yield chosen(("a", 0.3, True, 2.0), ("b", 0.1, True, 3.0), ("c", 0.2, True, 1.0))
-
-
-def chosen(*rows: tuple[str, float, bool, float]) -> Case:
-    """A case with a frontier to choose from: rows (name, skew, flagged, one-step variance)."""
-    columns = "name", "skew", "flagged", "one_step_variance"
-    points = [SimpleNamespace(**dict(zip(columns, row, strict=True))) for row in rows]
-    clean = [point for point in points if not point.flagged]
-    least = min(points, key=lambda point: abs(point.skew)).name
-    wrong: dict[str, Any] = {"return the name of the point, not the point": points.__contains__}
-    if not clean:
+    naive, independent = ("naive", 0.12, True, 14.0), ("independent", -0.001, False, 20.4)
+    coarse, fine = ("64", 0.017, False, 17.0), ("512", 0.006, False, 18.5)
+    flagged = [("a", 0.3, True, 2.0), ("b", 0.1, True, 3.0), ("c", 0.2, True, 1.0)]
+    for rows in ([naive, coarse, fine, independent], [independent, naive, fine], flagged):
+        columns = "name", "skew", "flagged", "one_step_variance"
+        points = [SimpleNamespace(**dict(zip(columns, row, strict=True))) for row in rows]
+        clean = [point for point in points if not point.flagged]
+        least = min(points, key=lambda point: abs(point.skew)).name
+        wrong: dict[str, Any] = {"return the name of the point, not the point": points.__contains__}
         hint = f"where all points are flagged take the least skewed, {least!r}"
-        return Case((points,), least, wrong, hint)
-    first = min(points, key=lambda point: point.one_step_variance).name
-    wrong["that point is flagged: leave out those with significant skew first"] = first
-    chance = "differences without a flag are chance: the one-step variance counts, not the skew"
-    wrong[chance] = least
-    right = min(clean, key=lambda point: point.one_step_variance).name
-    return Case((points,), right, wrong)
+        if clean:
+            wrong["that point is flagged: leave out those with significant skew first"] = "naive"
+            chance = "differences without a flag are chance: the variance counts, not the skew"
+            wrong[chance], hint = least, ""
+        right = min(clean, key=lambda point: point.one_step_variance).name if clean else least
+        yield Case((points,), right, wrong, hint)

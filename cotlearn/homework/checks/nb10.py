@@ -1,12 +1,15 @@
 """The checks of notebook 10."""
 
 import math
-from dataclasses import replace
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from cotlearn.homework.checks.common import Array, Case, Cases, table
-from cotlearn.homework.checks.nb08 import chosen
+from cotlearn.homework.registry import NotYet
 
 
 @table("10.ways_entropy")
@@ -37,15 +40,103 @@ def ways_entropy() -> Cases:
         yield Case((modes,), right, wrong)
 
 
-@table("10.choose")
-def choose() -> Cases:
-    """The same as 08.choose, except that the point itself also counts as correct."""
-    for case in (
-        chosen(("a", 0.0, False, 16.0), ("b", 0.1, True, 13.0), ("c", 0.01, False, 14.0)),
-        chosen(("a", 0.005, False, 11.0), ("b", 0.002, False, 12.0), ("c", 0.2, True, 9.0)),
-        chosen(("a", 0.3, True, 3.0), ("b", 0.1, True, 5.0), ("c", 0.2, True, 9.0)),
-    ):
-        yield replace(case, read=lambda found: getattr(found, "name", found))
+@table("10.gap")
+def gap(g: torch.Generator) -> Cases:
+    """The error with shuffled noise minus that with the noise of the pairs."""
+    for n in (7, 12):
+        x0, noise, c = (torch.randn(n, 3, generator=g) for _ in range(3))
+        x1 = 0.8 * x0 + c + 0.3 * noise
+        order = torch.randperm(n, generator=g)
+
+        def model(x0: Tensor, c: Tensor) -> Tensor:
+            return x0 + 0.9 * c.sin()
+
+        def error(x0: Tensor, c: Tensor, x1: Tensor = x1) -> Tensor:
+            return (model(x0, c) - x1).square().sum(dim=1)
+
+        coupled, fresh = error(x0, c), error(x0[order], c)
+        right = (fresh - coupled).mean()
+        wrong = {
+            "the other way round: fresh minus coupled": -right,
+            "shuffle the noise alone: the conditions stay with their x1": (
+                error(x0[order], c[order]) - coupled
+            ).mean(),
+            "shuffle the noise, not the conditions": (error(x0, c[order]) - coupled).mean(),
+            "shuffle the noise alone: with c and x1 shuffled as well nothing changes": 0.0,
+            "the squared distance is a sum over the columns, not a mean": right / 3,
+            "take the mean over the rows, not the sum": n * right,
+            "square the distances": (fresh.sqrt() - coupled.sqrt()).mean(),
+        }
+        yield Case((model, x0, c, x1, order), right, wrong)
+
+
+@table("10.pareto")
+def pareto() -> Cases:
+    """The policies that no other beats in success without less variety, or the other way round."""
+    rows = (
+        ("a", 0.99, 0.20),
+        ("b", 0.95, 1.00),
+        ("c", 0.90, 1.00),
+        ("d", 0.60, 1.04),
+        ("e", 0.95, 0.90),
+        ("f", 0.20, 0.10),
+    )
+    for some in (rows, rows[1:], rows[3:], (*rows, ("g", 0.95, 1.00))):
+        policies = {name: (success, variety) for name, success, variety in some}
+
+        def best(at_least: bool, policies: dict[str, tuple[float, float]] = policies) -> list[str]:
+            def beaten(mine: tuple[float, float]) -> bool:
+                others = (other for other in policies.values() if other != mine)
+                if at_least:
+                    return any(o[0] >= mine[0] and o[1] >= mine[1] for o in others)
+                return any(o[0] > mine[0] and o[1] > mine[1] for o in others)
+
+            return sorted(name for name, mine in policies.items() if not beaten(mine))
+
+        right = best(at_least=True)
+        dominated = sorted(set(policies) - set(right))
+        wrong = {
+            "those are the beaten ones: return the others": dominated,
+            "as good in one and better in the other is enough to beat a policy": best(False),
+            "compare success and variety, not their product or sum": [
+                max(policies, key=lambda name: sum(policies[name]))
+            ],
+            "compare success and variety, not success alone": [
+                max(policies, key=lambda name: policies[name])
+            ],
+        }
+        wrong = {hint: names for hint, names in wrong.items() if names != right}
+        yield Case((policies,), right, wrong, f"expected {right}", read=_names)
+
+
+@table("10.memorises")
+def memorises() -> Cases:
+    """The policies whose energy score is worse at new starts by more than a factor."""
+    scores = {"a": (1.30, 2.42), "b": (1.95, 1.96), "c": (2.9, 1.9), "d": (1.0, 1.15)}
+    for factor in (1.2, 1.1, 2.0):
+        found = sorted(k for k, (known, new) in scores.items() if new > factor * known)
+        wrong = {
+            "large where it was trained is not memorising: new / known": sorted(
+                k for k, (known, new) in scores.items() if known > factor * new
+            ),
+            "compare the ratio of the two scores with the factor, not the difference": sorted(
+                k for k, (known, new) in scores.items() if new - known > factor
+            ),
+            "a little worse at new starts is not enough: use the factor": sorted(
+                k for k, (known, new) in scores.items() if new > known
+            ),
+            "compare with its own score where it was trained, not with the factor": sorted(
+                k for k, (_, new) in scores.items() if new > factor
+            ),
+        }
+        wrong = {hint: names for hint, names in wrong.items() if names != found}
+        yield Case((scores, factor), found, wrong, f"expected {found}", read=_names)
+
+
+def _names(found: Any) -> list[str]:
+    if isinstance(found, str) or not isinstance(found, Iterable):
+        raise NotYet(f"return the names in a list, got {type(found).__name__}")
+    return sorted(map(str, found))
 
 
 def _entropy(modes: Array) -> float:

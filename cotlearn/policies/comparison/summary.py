@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cotlearn.metrics import paired_bootstrap, wilson_interval
-from cotlearn.policies.comparison.cells import DEMONSTRATED, read_record
+from cotlearn.policies.comparison.cells import COOLED, DEMONSTRATED, read_record
 from cotlearn.policies.methods import METHODS
 from cotlearn.policies.rollout import with_derived
 from cotlearn.results import read_json, write_json
@@ -95,12 +95,16 @@ def _row(cells: Cells, method: str, sampler: str) -> dict[str, Any]:
 
 
 def _compare(cells: Cells, sampler: str, reference: Cells) -> dict[str, Any] | None:
-    """Differences to the reference over the seeds that both have, paired by seed and episode."""
+    """Differences to the reference over the seeds that both have, paired by seed and episode.
+
+    A sampler at its temperature is compared with the reference at its own.
+    """
     shared = sorted(set(cells) & set(reference))
     if not shared:
         return None
     mine = [cells[seed]["samplers"][sampler]["outcomes"] for seed in shared]
-    theirs = [reference[seed]["samplers"][REFERENCE[1]]["outcomes"] for seed in shared]
+    other = REFERENCE[1] + COOLED * sampler.endswith(COOLED)
+    theirs = [reference[seed]["samplers"][other]["outcomes"] for seed in shared]
     differences: dict[str, Any] = {"seeds": shared}
     for name in mine[0]:
         first, second = (np.array([one[name] for one in each]) for each in (mine, theirs))
