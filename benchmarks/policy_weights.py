@@ -1,19 +1,20 @@
 """Ships trained policies with the course, in 16 bits.
 
-Takes the policies of seed 0 that `cotlearn bench` trained and kept in build/, and writes them to
-data/weights/. Then compares each with its original: how far actions are moved by the rounding, and
-what that does to paired rollouts, where contacts amplify any difference.
+Takes policies that `cotlearn bench` trained and kept in build/, of seed 0 unless another is given,
+and writes them to data/weights/. Then compares each with its original: how far actions are moved by
+the rounding, and what that does to paired rollouts, where contacts amplify any difference.
 
 For Push-T a further file holds the strata of the stratified policy, found again by the same
 k-means, and the numbers of the training windows in 512 of them, so that its pairs can be looked at
 without finding and pairing all.
 
-    python benchmarks/policy_weights.py push-t
+    python benchmarks/policy_weights.py push-t --seed 1
     python benchmarks/policy_weights.py arm-ring independent minibatch_ot conditional_ot residual
     python -m cotlearn.assets
 """
 
-import sys
+import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,34 +25,34 @@ from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.metrics import paired_bootstrap
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import rollout
-from cotlearn.policies.samplers import FlowSampler
 from cotlearn.policies.settings import SETTINGS
 from cotlearn.robots.episodes import read, split
 from cotlearn.robots.registry import find_task
 from cotlearn.storage import save_tensors
 
-METHODS = ("independent", "minibatch_ot", "stratified")
-SEED, EPISODES = 0, 200
+METHODS = ("independent", "minibatch_ot", "residual")
+EPISODES = 200
 SHOWN = 512  #: strata whose rows are listed
 BUILD = Path(__file__).resolve().parents[1] / "build"
 
 
-def main(setting: str, methods: tuple[str, ...]) -> None:
+def main(setting: str, methods: list[str], seed: int) -> None:
     """Writes the files of a setting and compares them with what they were made from."""
     torch.set_num_threads(1)
     name = setting.replace("-", "_")
     if setting == "push-t":
-        ship_strata(setting, BUILD / name / f"stratified-{SEED}.safetensors")
+        ship_strata(setting, BUILD / name / f"residual-{seed}.safetensors")
     for method in methods:
-        trained = BUILD / name / f"{method}-{SEED}.safetensors"
+        trained = BUILD / name / f"{method}-{seed}.safetensors"
         policy = ChunkPolicy.load(trained)
         shipped = data_folder() / "weights" / f"{name}_{method}.safetensors"
-        policy.about = {"coupling": method, "seed": SEED, "protocol": policy.about["protocol"]}
+        policy.about = {"coupling": method, "seed": seed, "protocol": policy.about["protocol"]}
         policy.save(shipped, half=True)
         rounded = ChunkPolicy.load(shipped)
         print(f"{shipped.name}: {shipped.stat().st_size / 1e6:.2f} MB")
         for nfe in (1, 2):
-            compare(policy.with_sampler(FlowSampler(nfe)), rounded.with_sampler(FlowSampler(nfe)))
+            sampler = replace(policy.sampler, nfe=nfe)
+            compare(policy.with_sampler(sampler), rounded.with_sampler(sampler))
 
 
 def ship_strata(setting: str, trained: Path) -> None:
@@ -66,7 +67,7 @@ def ship_strata(setting: str, trained: Path) -> None:
     data = policy.windows.dataset(training, label=protocol["options"]["label"])
     assert data.c is not None
     clusters = KMeansCondition(protocol["options"]["clusters"]).fit(data.c)
-    some = torch.randperm(clusters.clusters, generator=torch.Generator().manual_seed(SEED))
+    some = torch.randperm(clusters.clusters, generator=torch.Generator().manual_seed(0))
     rows = torch.isin(clusters.labels(data.c), some[:SHOWN]).nonzero()[:, 0]
     shipped = data_folder() / "weights" / f"{setting.replace('-', '_')}_strata.safetensors"
     tensors = {**clusters.state_dict(), "rows": rows.int()}
@@ -79,7 +80,7 @@ def compare(original: ChunkPolicy, rounded: ChunkPolicy) -> None:
     task = original.windows.task
     starts = task.vector_sim(range(EPISODES)).states
     history = np.repeat(starts[:, None], original.windows.observe, axis=1)
-    noise = original.noise(EPISODES, torch.Generator().manual_seed(SEED))
+    noise = original.noise(EPISODES, torch.Generator().manual_seed(0))
     first, second = (policy.chunk(history, noise=noise) for policy in (original, rounded))
     before, after = (rollout(p, episodes=EPISODES)[task.score] for p in (original, rounded))
     mean, low, high = paired_bootstrap(after[None], before[None])
@@ -92,4 +93,9 @@ def compare(original: ChunkPolicy, rounded: ChunkPolicy) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], tuple(sys.argv[2:]) or METHODS)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("setting", choices=SETTINGS)
+    parser.add_argument("methods", nargs="*", default=METHODS)
+    parser.add_argument("--seed", type=int, default=0)
+    asked = parser.parse_args()
+    main(asked.setting, list(asked.methods), asked.seed)
