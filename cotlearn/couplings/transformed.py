@@ -120,7 +120,7 @@ def centred(
     regression for all data. Use a network like the flow's own, trained beforehand with mean squared
     error (`flows.diffusion.predict`). The noise depends on c through the error of the mean, so a
     poor mean is worse than none: on Push-T a quadratic one, which leaves half of the variance,
-    costs up to .17 of coverage, while a network gains .21 (notebook 08). No number known before
+    costs up to .17 of coverage, while a network gains .21 (laboratory 08). No number known before
     training predicted this; `linear_skew` with `cells` at least tells a poor mean from a good one,
     which it does not with polynomial features. Any other dependence on c, such as the number of
     modes, is skewed as before.
