@@ -37,9 +37,29 @@ def components(pixels, mean, basis):
     return (pixels - mean) @ basis.T
 
 
+def inside(label, value):
+    off = [value[label == k] - value[label == k].mean(dim=0) for k in label.unique()]
+    return torch.cat(off).square().sum(dim=1).mean()
+
+
+def correlation(x0, m):
+    m = m - m.mean(dim=0)
+    size = x0.shape[1] * m.square().sum(dim=1).mean()
+    return (x0 * m).sum(dim=1).mean() / size.sqrt()
+
+
+def whole(label, value):
+    return (value - value.mean(dim=0)).square().sum(dim=1).mean()
+
+
+def uncentred(x0, m):
+    size = x0.shape[1] * m.square().sum(dim=1).mean()
+    return (x0 * m).sum(dim=1).mean() / size.sqrt()
+
+
 MISTAKES = [
     ("11.place", lambda h: place(h).flip(1), "changed places"),
-    ("11.place", strongest, "its place jumps"),
+    ("11.place", strongest, "not the mean places"),
     ("11.place", not_shares, "not shares yet"),
     ("11.place", of_all, "over its cells only"),
     ("11.place", in_cells, "from -1"),
@@ -50,10 +70,18 @@ MISTAKES = [
     ("11.components", lambda p, m, b: p @ b.T, "subtract the fitted mean first"),
     ("11.components", lambda p, m, b: (p + m) @ b.T, "not added"),
     ("11.components", lambda p, m, b: (m - p) @ b.T, "not mean minus pixels"),
-    ("11.components", lambda p, m, b: (p - m[:1]) @ b.T, "has its own mean"),
     ("11.components", lambda p, m, b: p - m, "must have shape (6, 3)"),
-    ("11.components", lambda p, m, b: 2 * components(p, m, b), "not the components"),
+    ("11.components", lambda p, m, b: 2 * components(p, m, b), "expected [["),
     ("11.components", lambda p, m, b: (p - m) @ b, "raised RuntimeError"),
+    ("11.inside", whole, "own cluster"),
+    ("11.inside", lambda k, v: len(v) * inside(k, v), "not the total"),
+    ("11.inside", lambda k, v: inside(k, v) / 2, "the sum over coordinates"),
+    ("11.inside", lambda k, v: whole(k, v) - inside(k, v), "expected"),
+    ("11.correlation", uncentred, "the average of m"),
+    ("11.correlation", lambda x0, m: 3**0.5 * correlation(x0, m), "d is missing"),
+    ("11.correlation", lambda x0, m: correlation(x0, m) / 3, "a sum over columns"),
+    ("11.correlation", lambda x0, m: correlation(x0, m).square(), "expected"),
+    ("11.correlation", lambda x0, m: x0, "return one number"),
 ]
 
 
@@ -62,4 +90,6 @@ RIGHT = [
     ("11.place", lambda h: SpatialSoftmax()(h[:, None])),
     ("11.components", components),
     ("11.components", lambda p, m, b: torch.einsum("np,kp->nk", p - m, b)),
+    ("11.inside", inside),
+    ("11.correlation", correlation),
 ]

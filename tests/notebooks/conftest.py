@@ -15,9 +15,15 @@ def path(request):
 
 
 @pytest.fixture
-def extra(path):
+def room(path):
+    """The folder: "notebooks" for the path, "laboratory" or "extras" for what stands beside it."""
+    return path.parent.name
+
+
+@pytest.fixture
+def extra(room):
     """Whether it is one of the short notebooks around the subject."""
-    return path.parent.name == "extras"
+    return room == "extras"
 
 
 @pytest.fixture

@@ -13,6 +13,8 @@ import symtable
 import matplotlib.pyplot as plt
 import pytest
 
+#: What reads a file of results.
+READS = ('"results/', "stored_comparison(")
 #: What trains, measures or rolls out.
 LIVE = {"fit", "train", "rollout", "frontier", "examine", "squared_w2", "ChunkPolicy"}
 
@@ -39,6 +41,11 @@ def names(source):
     return sets | entries, (takes - sets) | (entries - sets)
 
 
+def reads(cell):
+    """Whether a cell reads a file of results."""
+    return cell.cell_type == "code" and any(word in cell.source for word in READS)
+
+
 def printed_from_files(cells):
     """Each cell that prints from files and needs nothing live, after the cells that it needs."""
     made, found = {}, []  # who makes a name, in order; None if something live does
@@ -50,7 +57,7 @@ def printed_from_files(cells):
         live = None in before or takes & LIVE
         needs = None if live else sorted({i}.union(*before))
         made |= dict.fromkeys(sets, needs)
-        if needs and stored(cell) and any('"results/' in cells[k].source for k in needs):
+        if needs and stored(cell) and any(reads(cells[k]) for k in needs):
             found.append(needs)
     return found
 
@@ -73,7 +80,7 @@ def run(cell, space):
 
 
 def test_stored_tables_are_those_of_the_files(cells):
-    if not any('"results/' in cell.source for cell in cells if cell.cell_type == "code"):
+    if not any(map(reads, cells)):
         pytest.skip("reads no file of results")
     tables = printed_from_files(cells)
     assert tables, "no cell prints from a file alone"
