@@ -79,14 +79,14 @@ def find(name: str, folder: Path | None = None) -> Assignment:
     """Reads an assignment.
 
     Args:
-        name: "hw1", or "01" for the exercises in a notebook of the course.
+        name: "hw1", or "01" or "laboratory/11" for the exercises in a notebook of the course.
         folder: The folder of the masters; the course's if None.
 
     Raises:
         ValueError: There is no such assignment.
     """
     known = {path.stem: path for path in masters(folder)}
-    known |= {path.name[:2]: path for path in assets.notebooks()}
+    known |= {room + p.name[:2]: p for room in ("", "laboratory/") for p in assets.notebooks(room)}
     if name not in known:
         raise ValueError(assets.not_found("assignment", name, sorted(known)))
     return read(known[name], name)

@@ -231,4 +231,5 @@ def _assignment(path: Path, stamp: dict[str, Any], cells: tuple[Cell, ...]) -> s
         return str(stamp["assignment"])
     checks = (_NAME.search(cell.source) for cell in cells if "check(" in cell.source)
     found = next(filter(None, checks), None) or _FILE.search(path.stem.lower())
-    return found[1] if found else None
+    room = "laboratory/" if path.parent.name == "laboratory" else ""
+    return room + found[1] if found else None

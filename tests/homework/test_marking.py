@@ -4,6 +4,7 @@ import handed_in
 import pytest
 from handed_in import EULER, PAIR
 
+from cotlearn import assets
 from cotlearn.homework import assignments
 from cotlearn.homework.isolation import Limits
 from cotlearn.homework.marking import mark
@@ -27,6 +28,13 @@ def test_solutions_get_all_points(name):
     found = mark(assignments.find(name).path, hidden=True)
     assert [item for item in found.marks if not item.correct] == []
     assert found.points == found.out_of == POINTS[name]
+
+
+@pytest.mark.parametrize("path", assets.notebooks("laboratory"), ids=lambda path: path.stem)
+def test_a_laboratory_has_questions_of_its_own(path):
+    found = mark(path)
+    assert len(found.marks) >= 2
+    assert set(verdicts(found)) == {"not attempted yet"}
 
 
 @pytest.mark.parametrize("name", MASTERS)

@@ -24,11 +24,11 @@ def components(g: torch.Generator) -> Cases:
 def inside(g: torch.Generator) -> Cases:
     """The mean squared distance of a row from the mean of its cluster."""
     label = torch.tensor([0, 1, 2, 0, 2, 2, 2, 1, 2, 0])
-    value = torch.randn(10, 2, generator=g) + 2 * label[:, None]
-    near = torch.stack([value[label == k].mean(dim=0) for k in label])
-    right, whole = ((value - m).square().sum(dim=1).mean() for m in (near, value.mean(dim=0)))
-    own = "subtract the mean of a row's own cluster, not that of all rows"
-    yield Case((label, value), right, {own: whole} | squares(value - near))
+    x = torch.randn(10, 2, generator=g) + 2 * label[:, None]
+    near = torch.stack([x[label == k].mean(dim=0) for k in label])
+    right, whole = ((x - m).square().sum(dim=1).mean() for m in (near, x.mean(dim=0)))
+    wrong = {"subtract the mean of a row's own cluster": whole}
+    yield Case((label, x), right, wrong | squares(x - near))
 
 
 @table("11.place")
