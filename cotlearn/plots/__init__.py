@@ -12,7 +12,6 @@ from cotlearn.plots.charts import (
     curves,
     error_against_nfe,
     histogram,
-    score_against_latency,
     score_against_nfe,
 )
 from cotlearn.plots.fields import contours, net, outlines, velocity_field
@@ -72,7 +71,6 @@ __all__ = [
     "push_t_chunks",
     "push_t_episode",
     "scatter",
-    "score_against_latency",
     "score_against_nfe",
     "source_given_condition",
     "strata_heatmap",

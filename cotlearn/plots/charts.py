@@ -118,29 +118,6 @@ def score_against_nfe(
     return _axis_of_evaluations(ax, sorted({nfe for curve in scores.values() for nfe in curve}))
 
 
-def score_against_latency(latency: Mapping[int, float], scores: Scores) -> Axes:
-    """Plot coverage against the latency of a chunk; the upper axis shows the evaluations.
-
-    Args:
-        latency: evaluations -> milliseconds, above 0.
-        scores: method -> evaluations -> (seeds,) scores.
-    """
-    ax = open_axes(None)
-    for name, curve in scores.items():
-        nfes = sorted(curve)
-        means = [as_array(curve[nfe]).mean() for nfe in nfes]
-        ax.plot([latency[nfe] for nfe in nfes], means, label=label_of(name), **style_of(name))
-    logarithmic(ax, "x")
-    ax.grid(True)
-    ax.set(xlabel="milliseconds for a chunk", ylabel="mean best coverage")
-    above = ax.secondary_xaxis("top")
-    above.set_xticks(list(latency.values()), [f"{nfe}" for nfe in latency])
-    above.set_xlabel("network evaluations (NFE)")
-    above.minorticks_off()
-    legend_beside(ax)
-    return ax
-
-
 def histogram(values: Mapping[str, Numbers], *, bins: int = 40, xlabel: str) -> Axes:
     """Draw outlined histograms of several samples over common bins, as densities.
 

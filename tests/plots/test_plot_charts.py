@@ -90,17 +90,6 @@ def test_one_method_stays_at_its_evaluations():
     assert line_of(ax, "reflow").get_xdata()[0] == 4
 
 
-def test_latency_has_the_evaluations_written_above():
-    ax = plots.score_against_latency(LATENCY, SCORES)
-    line = line_of(ax, "independent")
-    assert np.allclose(line.get_xdata(), [0.4, 0.8])
-    assert np.allclose(line.get_ydata(), [0.72, 0.945])
-    assert ax.get_xscale() == "log"
-    (above,) = ax.child_axes
-    assert np.allclose(above.get_xticks(), [0.4, 0.8, 60])
-    assert [t.get_text() for t in above.get_xticklabels()] == ["1", "2", "100"]
-
-
 def test_histograms_share_their_bins():
     ax = plots.histogram({"truth": torch.randn(100), "independent": [0.0, 1.0]}, xlabel="x")
     first, second = ax.patches
