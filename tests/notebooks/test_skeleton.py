@@ -87,7 +87,7 @@ def test_closing(cells):
         assert "claim(" in cells[i].source, f"cell {i} is tagged 'claim' and claims nothing"
 
 
-LONG = ("10",)  #: about to be folded and formatted
+LESSONS = ("08", "10", "11")  #: whose other methods are in the laboratory
 
 
 def folded(cell):
@@ -99,18 +99,16 @@ def folded(cell):
     return bool(on_site and data.get("jupyter", {}).get("source_hidden"))
 
 
-def test_claims_are_folded(cells, extra, path):
+def test_claims_are_folded(cells, extra):
     """A page ends in sentences, and not in the code that checks them."""
-    if extra or path.name[:2] == "10":
-        pytest.skip("no lesson of the main path, or about to be split in two")
+    if extra:
+        pytest.skip("no lesson")
     for i in tagged(cells, "claim"):
         assert folded(cells[i]), f"cell {i} is not folded"
 
 
-def test_imports_are_folded(cells, extra, path):
+def test_imports_are_folded(cells):
     """A page begins with what it is about, and not with the names that it needs."""
-    if not extra and path.name[:2] in LONG:
-        pytest.skip("about to be folded")
     opening = itertools.takewhile(
         lambda item: item[1].source.startswith(("import ", "from ")), code(cells)
     )
@@ -143,10 +141,17 @@ def test_extras_are_short(cells, extra):
     assert len(words) <= 900
 
 
-def test_code_needs_no_scrolling(cells, extra, path):
+def test_lessons_are_short(cells, path, room):
+    """Five methods and the story; everything else is in the laboratory."""
+    if room != "notebooks" or path.name[:2] not in LESSONS:
+        pytest.skip("no lesson with a laboratory")
+    words = " ".join(prose(cell) for cell in cells if cell.cell_type == "markdown").split()
+    assert len(cells) <= 40
+    assert len(words) <= 2000
+
+
+def test_code_needs_no_scrolling(cells):
     """On the site and on a phone a line has room for 80 characters; ruff looks at cells only."""
-    if not extra and path.name[:2] in LONG:
-        pytest.skip("about to be formatted")
     for i, cell in enumerate(cells):
         parts = [cell.source] if cell.cell_type == "code" else FENCED.findall(cell.source)
         lines = [line for part in parts for line in part.splitlines() if len(line) > 80]
