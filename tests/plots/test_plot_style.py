@@ -19,6 +19,7 @@ METHOD_NAMES = {
     "aligned",
     "reflow",
     "diffusion",
+    "diffusion_residual",
     "behaviour_cloning",
     "truth",
 }
