@@ -84,7 +84,8 @@ def notebooks() -> None:
     copied = sorted(folder.rglob("*.ipynb"))
     expected = [path.name for path in assets.all_notebooks()]
     students = [path.name for path in copied if path.name.startswith("hw")]
-    say(f"lab copied {len(copied)} notebooks", [p.name for p in copied] == expected + students)
+    names = sorted(path.name for path in copied)
+    say(f"lab copied {len(copied)} notebooks", names == sorted(expected + students))
     say(f"{len(students)} of them homework", len(students) >= 4)
     for notebook in copied:
         for line in imports(notebook):

@@ -46,7 +46,7 @@ def test_run_shows_the_failing_cell(notebook):
 
 
 def test_run_knows_near_names(monkeypatch):
-    monkeypatch.setattr(assets, "notebooks", lambda: [Path("00_start_here.ipynb")])
+    monkeypatch.setattr(assets, "notebooks", lambda room: [Path("00_start_here.ipynb")])
     result = invoke("run", "00_start_her")
     assert result.exit_code == 2
     assert "there is no notebook '00_start_her'" in result.output
