@@ -9,12 +9,8 @@ from cotlearn.assets import find_data
 from cotlearn.policies.comparison.cells import COOLED
 from cotlearn.results import Values
 
-#: Names of samplers that stand for a method, with the number of evaluations; others: Euler's.
-_OWN = {
-    "diffusion": "ddim-{}-trailing",
-    "diffusion_residual": "ddim-{}-trailing",
-    "behaviour_cloning": "mean",
-}
+#: Samplers that stand for a method with a number of evaluations; each method has one of them.
+_OWN = ("euler-{}", "ddim-{}-trailing", "mean")
 
 
 @dataclass(frozen=True)
@@ -45,9 +41,9 @@ class Comparison:
             nfe: evaluations of the network for a chunk.
             cooled: at the temperature that exploration starts chose.
         """
-        name = _OWN.get(method, "euler-{}").format(nfe)
-        row = self.rows.get((method, name + COOLED * cooled))
-        return row if row and row["nfe"] == nfe else None
+        names = (name.format(nfe) + COOLED * cooled for name in _OWN)
+        found = [self.rows[method, name] for name in names if (method, name) in self.rows]
+        return next((row for row in found if row["nfe"] == nfe), None)
 
     def table(
         self,
