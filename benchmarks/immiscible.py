@@ -1,0 +1,179 @@
+"""When does an assignment that does not see the condition harm, and when not?
+
+"Immiscible" training (2610.09369) assigns noise to actions in each batch, whatever is observed, and
+reports a policy that is no worse and takes the rarer of two ways more often. That is naive OT,
+whose noise is skewed. Here people's demonstrations and their mirror images train four recipes:
+diffusion as it was published (frame of the world, values scaled to [-1, 1], noise as the target), a
+flow with the same frame and scale, and both in the frame of the T with unit variance, diffusion
+with the chunk as target. Noise is independent, or assigned in blocks of 64, 256 or 2,048 rows after
+a tenth of the steps. Scores: skew of the pairs, coverage from exploration starts, and the balance
+of ways at forks: poses on the mirror's axis, where left and right are equally good.
+
+    python benchmarks/immiscible.py --data push_t_human.zarr
+
+writes data/results/immiscible.json. An interrupted run goes on.
+"""
+
+import argparse
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from cells import opened
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from cotlearn.couplings import MinibatchOT
+from cotlearn.couplings.base import Match, generator_for
+from cotlearn.diagnostics import linear_skew, prior_skew
+from cotlearn.metrics import bootstrap_interval
+from cotlearn.policies.methods import METHODS
+from cotlearn.policies.policy import ChunkPolicy
+from cotlearn.policies.rollout import EXPLORATION, rollout
+from cotlearn.policies.samplers import DDIMSampler, DDPMSampler, FlowSampler, Sampler
+from cotlearn.policies.settings import SETTINGS
+from cotlearn.policies.training import train
+from cotlearn.robots.episodes import Episodes, read, split
+from cotlearn.robots.push_t.simulation import PushTVectorSim
+from cotlearn.robots.push_t.task import GOAL, SIZE
+
+STEPS, WARM_UP, BATCH = 4000, 400, 256
+SIZES = (1, 64, 256, 2048)  #: of an assignment; 1: independent noise
+ROLLOUTS, FIRST = 100, EXPLORATION + 200_000
+FORKS, DRAWS, LOOK = 24, 32, 40  #: poses, episodes from each, control steps of an episode
+PAIRS = 20_480  #: that a skew is measured on
+THEIRS = {"frame": "world", "scale": "range"}
+RECIPES: dict[str, tuple[str, dict[str, Any]]] = {
+    "diffusion, published": ("diffusion", {**THEIRS, "prediction": "noise"}),
+    "flow, same frame": ("independent", {**THEIRS, "prediction": "velocity"}),
+    "flow, frame of the T": ("independent", {"frame": "body", "prediction": "velocity"}),
+    "diffusion, frame of the T": ("diffusion", {"frame": "body", "prediction": "data"}),
+}
+
+
+@dataclass(repr=False, kw_only=True)
+class Blind(MinibatchOT):
+    """Assigns noise in blocks of `size` rows, once `WARM_UP` steps are over."""
+
+    size: int = 64
+    uses_network = True
+    _step = 0
+
+    def observe(self, network: nn.Module, step: int) -> None:
+        """Only the step counts."""
+        self._step = step
+
+    def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
+        """The rows of each block, assigned."""
+        rows = np.arange(len(x0))
+        if self.size == 1 or self._step < WARM_UP:
+            return Match(rows, rows)
+        match = super().match
+        blocks = (slice(at, at + self.size) for at in range(0, len(rows), self.size))
+        found = [rows[b][match(x0[b], x1[b], c, rng).target_index] for b in blocks]
+        return Match(rows, np.concatenate(found))
+
+
+def mirrored(episodes: Episodes) -> Episodes:
+    """The episodes and their mirror images about the axis of the goal, the line x + y = SIZE."""
+    state, action = episodes.state.copy(), SIZE - episodes.action[:, ::-1]
+    state[:, :2], state[:, 2:4] = SIZE - state[:, 1::-1], SIZE - state[:, 3:1:-1]
+    state[:, 4] = 2 * GOAL[2] - state[:, 4]
+    both = np.concatenate([episodes.state, state]), np.concatenate([episodes.action, action])
+    ends = np.concatenate([episodes.ends, episodes.ends[-1] + episodes.ends])
+    return Episodes(*both, ends, name=f"{episodes.name}, with mirror images")
+
+
+def forks() -> NDArray[np.float64]:
+    """Starts on the axis: the agent is where the T has to go, and must pass it on one side."""
+    rng = np.random.default_rng(0)
+    along = np.array([-1.0, 1.0]) / np.sqrt(2)  # the T's own y axis in the goal
+    sign = rng.choice([-1.0, 1.0], FORKS)
+    place = np.array(GOAL[:2]) + (sign * rng.uniform(50, 110, FORKS))[:, None] * along
+    middle = place + 45 * along
+    agent = middle - (sign * rng.uniform(115, 140, FORKS))[:, None] * along
+    return np.column_stack([agent, place, np.full(FORKS, GOAL[2])])
+
+
+def ways(policy: ChunkPolicy) -> dict[str, float]:
+    """The rarer way's share of episodes, at each fork and of all; a fair coin has .43 and .5."""
+    starts, task = forks(), policy.windows.task
+    there = replace(task, vector_sim=lambda seeds: PushTVectorSim(starts[np.asarray(seeds)]))
+    moved = replace(policy, windows=replace(policy.windows, task=there))
+    seeds = np.repeat(np.arange(FORKS), DRAWS).tolist()
+    states = rollout(moved, seeds=seeds, max_steps=LOOK, record=True, progress=False).states
+    assert states is not None
+    aside = (states[..., 0] + states[..., 1] - SIZE) / np.sqrt(2)
+    far = np.take_along_axis(aside, np.abs(aside).argmax(axis=0)[None], axis=0)[0]
+    left = (far > 0).reshape(FORKS, DRAWS).mean(axis=1)
+    each, all_ = np.minimum(left, 1 - left).mean(), min(left.mean(), 1 - left.mean())
+    passed = float((np.abs(far) > 40).mean())
+    return {"at_each_fork": float(each), "of_all": float(all_), "passed": passed}
+
+
+def samplers(policy: ChunkPolicy) -> list[Sampler]:
+    """Many evaluations with fresh noise in each, many and few without."""
+    own = policy.sampler
+    if not isinstance(own, DDPMSampler):
+        return [FlowSampler(16), FlowSampler(2)]
+    few = "leading" if own.prediction == "noise" else "trailing"
+    ddim = DDIMSampler(16, own.levels, few, own.clip, own.prediction)
+    return [own, ddim]
+
+
+def main() -> None:
+    """Fills the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--data", type=Path, required=True, help="people's demonstrations")
+    parser.add_argument("--steps", type=int, default=STEPS, help="fewer to try it out")
+    parser.add_argument("--cells", help="numbers with commas between; all without it")
+    asked = parser.parse_known_args()[0]
+    setting = SETTINGS["push-t-human"]
+    training, _ = split(read(asked.data), held_out=setting.held_out)
+    training = mirrored(training)
+
+    def compute(key: dict[str, Any]) -> dict[str, Any]:
+        name, changes = RECIPES[key["recipe"]]
+        size = max(BATCH, key["size"])
+        options = replace(setting.options, steps=asked.steps, ot_batch_size=size, **changes)
+        method = replace(METHODS[name], coupling=lambda *_: Blind(size=key["size"]))
+        trained = train(method, training, seed=key["seed"], options=options)
+        found: dict[str, Any] = {}
+        for sampler in samplers(trained.policy):
+            policy = trained.policy.with_sampler(sampler)
+            done = rollout(policy, seeds=range(FIRST, FIRST + ROLLOUTS))
+            means = done.summary()
+            kept = {n: round(means[n], 4) for n in ("coverage", "success_95", "reward")}
+            interval = bootstrap_interval(done["coverage"])
+            found[sampler.name] = {**kept, "interval": interval, "ways": ways(policy)}
+        data = trained.policy.windows.dataset(training, label=options.label)
+        coupling = trained.coupling
+        coupling.observe(trained.policy.network, WARM_UP)
+        stream = coupling.stream(
+            data,
+            batch_size=BATCH,
+            ot_batch_size=size,
+            generator=generator_for(0, 0, purpose=32),
+        )
+        pairs = [next(stream) for _ in range(PAIRS // BATCH)]
+        x0, c = (torch.cat([getattr(p, name) for p in pairs]) for name in ("x0", "c"))
+        near = prior_skew(x0, c, generator=generator_for(0, 0, purpose=33))
+        skew = {"explained": linear_skew(x0, c, cells=64).explained, "neighbours": near.statistic}
+        return {"samplers": found, "skew": skew, "training_seconds": round(trained.seconds, 1)}
+
+    protocol = {"steps": asked.steps, "warm_up": WARM_UP, "rollouts": ROLLOUTS, "forks": FORKS}
+    table = opened(__doc__ or "", {**protocol, "draws": DRAWS, "pairs": PAIRS}, parser=parser)
+    keys = [
+        {"recipe": recipe, "size": size, "seed": seed}
+        for seed in (0, 1)
+        for recipe in RECIPES
+        for size in SIZES
+    ]
+    wanted = [int(n) for n in asked.cells.split(",")] if asked.cells else range(len(keys))
+    table.fill([keys[n] for n in wanted], compute)
+
+
+if __name__ == "__main__":
+    main()
