@@ -12,7 +12,7 @@ The pairs of `cotlearn bench push-t-human` beside others that should skew less w
 - `coarse`, `fine`: strata of 64 and of 2,048 clusters.
 
 And with independent pairs the choices that were right for planned demonstrations, each changed
-alone: the target (`velocity`), the frame, the scale, the times (`at_t0`: 3 in 10 at t = 0).
+alone: the target (`data`), the frame, the scale, the times (`at_t0`: 3 in 10 at t = 0), the steps.
 
 Each is trained once, with the same network and steps, and scored by the energy score of held-out
 chunks, in pixels, and by the skew of its pairs.
@@ -194,8 +194,13 @@ ROWS: dict[str, tuple[str, Callable[..., None] | None, dict[str, Any]]] = {
     "mixed_25": ("residual", partial(mixed, share=0.25), {}),
     "mixed_50": ("residual", partial(mixed, share=0.5), {}),
     "weighted": ("residual", weighted, {}),
-    "reflow_inverted": ("reflow_inverted", None, {"prediction": "velocity"}),
-    "velocity": ("independent", None, {"prediction": "velocity"}),
+    "reflow_inverted": ("reflow_inverted", None, {}),
+    "data": ("independent", None, {"prediction": "data"}),
+    "data_short": ("independent", None, {"prediction": "data", "steps": 3000}),
+    "short": ("independent", None, {"steps": 3000}),
+    "diffusion": ("diffusion", None, {}),
+    "diffusion_data": ("diffusion", None, {"prediction": "data"}),
+    "diffusion_noise": ("diffusion", None, {"prediction": "noise"}),
     "frame_world": ("independent", None, {"frame": "world"}),
     "frame_agent": ("independent", None, {"frame": "agent"}),
     "scale_range": ("independent", None, {"scale": "range"}),
@@ -238,12 +243,13 @@ def main() -> None:
     asked = parser.parse_known_args()[0]
     setting = SETTINGS["push-t-human"]
     base_options = replace(setting.options, steps=asked.steps or setting.options.steps)
+    tried = {"steps": asked.steps} if asked.steps else {}
     episodes = read(asked.data)
     training, held = split(episodes, held_out=setting.held_out)
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
         base, prepare, others = ROWS[key["pairs"]]
-        options = replace(base_options, **others)
+        options = replace(base_options, **(others | tried))
         method = METHODS[base]
         if prepare:
             method = replace(method, prepare=partial(prepare, episode=episode_of(training)))
