@@ -199,6 +199,8 @@ ROWS: dict[str, tuple[str, Callable[..., None] | None, dict[str, Any]]] = {
     "steps_1000": ("independent", None, {"steps": 1000}),
     "steps_2000": ("independent", None, {"steps": 2000}),
     "steps_8000": ("independent", None, {"steps": 8000}),
+    "regression": ("behaviour_cloning", None, {}),
+    "regression_1000": ("behaviour_cloning", None, {"steps": 1000}),
     "diffusion": ("diffusion", None, {}),
     "diffusion_data": ("diffusion", None, {"prediction": "data"}),
     "diffusion_noise": ("diffusion", None, {"prediction": "noise"}),
