@@ -9,6 +9,8 @@ The pairs of `cotlearn bench push-t-human` beside others that should skew less w
 - `mixed_25`, `mixed_50`: pairs of `residual`, a share of them shuffled;
 - `weighted`: pairs of `residual`, each weighted in the loss by an estimate of p(x0) / p(x0 | c):
   both normal with variance 1, the second about a regression of the noise on the condition;
+- `reflow_inverted`: each chunk with the noise from which a trained flow would make it; with
+  `inverted_folds` the flow never saw the chunk's episode;
 - `coarse`, `fine`: strata of 64 and of 2,048 clusters.
 
 And with independent pairs the choices that were right for planned demonstrations, each changed
@@ -32,11 +34,12 @@ import torch
 from cells import opened
 from torch import Tensor
 
-from cotlearn.couplings import Coupling, Independent, Transformed, centred
+from cotlearn.couplings import Coupling, FixedPairs, Independent, Transformed, centred
 from cotlearn.couplings.base import Match, generator_for
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import linear_skew, prior_skew
 from cotlearn.flows.diffusion import predict, regression_loss
+from cotlearn.flows.solvers import integrate
 from cotlearn.metrics import energy_score
 from cotlearn.policies.comparison.scores import SCORED_SAMPLES, SCORED_STATES
 from cotlearn.policies.methods import METHODS
@@ -120,7 +123,7 @@ def out_of_fold(run: Run, episode: Tensor, data: Dataset) -> tuple[Tensor, list[
     return found, means
 
 
-def by_rows(whole: Tensor, values: Tensor, elsewhere: Callable[[Tensor], Tensor]) -> Any:
+def by_rows(whole: Tensor | None, values: Tensor, elsewhere: Callable[[Tensor], Tensor]) -> Any:
     """A function of c that gives the stored values for the whole data, which strata pair."""
     return lambda c: values if c is whole else elsewhere(c)
 
@@ -180,6 +183,29 @@ def weighted(run: Run, episode: Tensor) -> None:
     run.coupling = Weighted(run.coupling, mean=mean)
 
 
+def inverse(teacher: Any, rows: Dataset) -> Tensor:
+    """The noise from which a flow would make the rows; its mean square is 1 for its own chunks."""
+
+    def backwards(t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
+        return -teacher(1 - t, x, c)
+
+    return integrate(backwards, rows.x1, rows.c, nfe=16).x1
+
+
+def inverted_folds(run: Run, episode: Tensor) -> None:
+    """Each chunk with its noise under a flow that never saw its episode."""
+    x0, data = torch.empty_like(run.data.x1), run.data
+    for fold in range(FOLDS):
+        left_out = episode % FOLDS == fold
+        first = replace(run, data=rows_of(data, ~left_out), checkpoint=None)
+        first.options = replace(run.options, steps=run.options.steps // 2)
+        x0[left_out] = inverse(first.fit(f"fold_{fold}_").network, rows_of(data, left_out))
+        run.seconds += first.seconds
+    run.network = run.fit("teacher_").network
+    run.data = Dataset(data.x1, data.c, name="chunks with their inverse")
+    run.coupling = FixedPairs(x0)
+
+
 #: name -> row of the table of methods, what prepares it, options
 ROWS: dict[str, tuple[str, Callable[..., None] | None, dict[str, Any]]] = {
     "independent": ("independent", None, {}),
@@ -195,6 +221,7 @@ ROWS: dict[str, tuple[str, Callable[..., None] | None, dict[str, Any]]] = {
     "mixed_50": ("residual", partial(mixed, share=0.5), {}),
     "weighted": ("residual", weighted, {}),
     "reflow_inverted": ("reflow_inverted", None, {}),
+    "inverted_folds": ("independent", inverted_folds, {}),
     "data": ("independent", None, {"prediction": "data"}),
     "steps_1000": ("independent", None, {"steps": 1000}),
     "steps_2000": ("independent", None, {"steps": 2000}),
@@ -221,6 +248,12 @@ def in_pixels(policy: ChunkPolicy, unseen: Dataset) -> float:
     low, high = policy.windows.action_range
     scale = torch.from_numpy((high - low) / 2).float().repeat(policy.windows.points)
     return energy_score(torch.stack(draws) * scale, truth * scale)
+
+
+def watched(run: Run, *, prepare: Callable[[Run], None], kept: dict[str, Any]) -> None:
+    """A preparation, and what it left: the teacher and the data with their pairs."""
+    prepare(run)
+    kept |= {"teacher": run.network, "data": run.data, "coupling": run.coupling}
 
 
 def skews(coupling: Coupling, data: Dataset) -> dict[str, float]:
@@ -256,6 +289,11 @@ def main() -> None:
         method = METHODS[base]
         if prepare:
             method = replace(method, prepare=partial(prepare, episode=episode_of(training)))
+        kept: dict[str, Any] = {}
+        if "inverted" in key["pairs"]:
+            assert method.prepare
+            watch = partial(watched, prepare=method.prepare, kept=kept)
+            method = replace(method, prepare=watch)
         trained = train(method, training, options=options)
         windows = trained.policy.windows
         unseen = windows.dataset(held, label=options.label)
@@ -264,7 +302,11 @@ def main() -> None:
             for sampler in trained.policy.sampler.variants
         }
         data = windows.dataset(training, label=options.label)
-        paired = {} if base == "reflow_inverted" else skews(trained.coupling, data)
+        paired = skews(trained.coupling, kept.get("data", data))
+        if kept:
+            for name, rows in (("training", data), ("held_out", unseen)):
+                noise = inverse(kept["teacher"], rows)
+                paired[f"inverse_square_{name}"] = float(noise.square().mean())
         return {"energy_score": scores, "skew": paired, "seconds": round(trained.seconds, 1)}
 
     protocol = {"steps": base_options.steps, "held_out": setting.held_out, "pairs": PAIRS}
