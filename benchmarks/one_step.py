@@ -1,9 +1,9 @@
 """Which way to few evaluations is best under a condition, at equal cost?
 
 Losses, each on independent pairs and, where it uses the noise, on conditional pairs: flow
-matching, regression, two passes, mean flow (and without its instants), alpha-flow, shortcut,
-drifting, a learned source; reflow on the pairs of a teacher, and on real data with the noise that
-the teacher's inverse gives; a source for each cluster of the data (COT-FM), which changes the
+matching, regression, two passes, mean flow (without its instants, and with squared errors in the
+place of the paper's weights), alpha-flow (the same), shortcut, drifting, a learned source; reflow
+on the pairs of a teacher, and on real data with the noise that the teacher's inverse gives; a source for each cluster of the data (COT-FM), which changes the
 prior; and no training at all: a data row of a near condition. Every training costs as much as STEPS
 of flow matching, counted in forward-equivalents (a backward pass is two); who needs a teacher
 spends half of that on it. The score is squared W2 for each condition, averaged.
@@ -138,9 +138,13 @@ WAYS = {
     "mean flow, no instants": Way(
         MeanFlow(share_instant=0.0), 4 / 3, MeanVelocity, by_jumps, columns=1
     ),
+    "mean flow, squared errors": Way(MeanFlow(power=0.0), 4 / 3, MeanVelocity, by_jumps, columns=1),
     "alpha-flow": Way(AlphaFlow(int(STEPS * 3 / 4)), 4 / 3, MeanVelocity, by_jumps, columns=1),
     "alpha-flow, few instants": Way(
         AlphaFlow(int(STEPS * 3 / 4), share_instant=0.25), 4 / 3, MeanVelocity, by_jumps, columns=1
+    ),
+    "alpha-flow, squared errors": Way(
+        AlphaFlow(int(STEPS * 3 / 4), power=0.0), 4 / 3, MeanVelocity, by_jumps, columns=1
     ),
     "shortcut": Way(Shortcut(share=0.25), 1 + 0.25 * 2 / 3, MeanVelocity, by_jumps, columns=1),
     "drifting": Way(Drifting(DRAWS), cost=DRAWS, draw=at_once, evaluations=(1,)),

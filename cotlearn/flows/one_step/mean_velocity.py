@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Time, interpolate, squared_error
-from cotlearn.validation import check_count, check_inputs, check_share
+from cotlearn.validation import check_count, check_inputs, check_number, check_share
 
 #: Of log(t / (1 - t)), which has deviation 1. (The paper's -0.4 counts time from the data.)
 LOCATION = 0.4
@@ -52,16 +52,20 @@ class MeanFlow:
     the network with the tangent (1, v, -1) of (t, x, r - t), where v = x1 - x0, and the right side
     is a fixed target. Where r = t this is flow matching; without such rows, errors proportional to
     1 / (r - t) satisfy the identity as well. Both times are logit-normal, and sorted. A row of
-    squared error e has the weight 1 / (e + 0.01), as in the paper.
+    squared error e has the weight 1 / (e + 0.01)^power.
 
     Args:
         share_instant: share of the rows with r = t, in [0, 1].
+        power: 1, as in the paper for images; 0 for squared errors. Only with 0 is the best answer
+            the mean: in few dimensions, where several answers are far apart, 1 prefers one of them.
     """
 
     share_instant: float = 0.75
+    power: float = 1.0
 
     def __post_init__(self) -> None:
         check_share(self.share_instant, "share_instant")
+        check_number(self.power, "power")
 
     def __call__(self, network: MeanVelocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
         """The weighted squared error of each row, (B,).
@@ -84,7 +88,7 @@ class MeanFlow:
             ) from error
         u, change = both
         errors = squared_error(u, (v + length[:, None] * change).detach())
-        return errors / (errors.detach() + SOFTENING)
+        return errors / (errors.detach() + SOFTENING) ** self.power
 
 
 def _starts_and_lengths(
@@ -111,10 +115,12 @@ class AlphaFlow:
     Args:
         steps: in which a falls: those of the training.
         share_instant: share of the rows with r = t, in [0, 1].
+        power: of the weights.
     """
 
     steps: int
     share_instant: float = 0.75
+    power: float = 1.0
     _step: int = field(default=0, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -142,7 +148,7 @@ class AlphaFlow:
             target = straight * v + (1 - straight) * rest
         errors = squared_error(network(t, x, pairs.c, length), target)
         share = straight[:, 0]
-        return errors / share / (errors.detach() / share.square() + SOFTENING)
+        return errors / share / (errors.detach() / share.square() + SOFTENING) ** self.power
 
 
 @dataclass(frozen=True)
