@@ -37,6 +37,11 @@ LOOKS = {
     "semidiscrete": Look("semidiscrete COT", "#E69F00", "P", (0, (1, 1))),
     "aligned": Look("model-aligned", "#882255", "X", (0, (3, 1, 1, 1, 1, 1))),
     "reflow": Look("reflow", "#999999", "*", (0, (5, 4))),
+    "reflow_inverted": Look("reflow on real data", "#661100", "<", (0, (5, 2, 1, 2))),
+    "mean_flow": Look("MeanFlow", "#44AA99", ">", (0, (4, 1))),
+    "mean_flow_residual": Look("MeanFlow, residual pairs", "#999933", "1", (0, (8, 2))),
+    "shortcut": Look("shortcut model", "#6699CC", "2", (0, (4, 1, 1, 1))),
+    "two_passes": Look("two passes (MIP)", "#444444", "3", (0, (2, 2))),
     "diffusion": Look("diffusion", "#332288", "h", (0, (6, 1, 1, 1))),
     "diffusion_residual": Look("diffusion, residual pairs", "#AA4499", "8", (0, (6, 2))),
     "behaviour_cloning": Look("regression (BC)", "#997700", "p", (0, (4, 2))),
@@ -62,8 +67,8 @@ PATH_COLOR = "#8c8c8c"
 FLOOR: dict[str, Any] = {"color": COLORS["truth"], "linestyle": ":", "linewidth": 1.3}
 
 # Names that are not in the table take the next free look, and keep it.
-_SPARE_COLORS = ("#444444", "#6699CC", "#999933", "#AA4499", "#661100", "#44AA99")
-_SPARE_MARKERS = ("<", ">", "8", "H", "1", "2", "3")
+_SPARE_COLORS = ("#555577", "#77AADD", "#BB5566", "#AA7744", "#225555", "#8877AA")
+_SPARE_MARKERS = ("4", "+", "x", "|", "_", "$a$", "$b$")
 _SPARE_LINES = ("-", (0, (7, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)), (0, (1, 3)))
 _SPARE = zip(cycle(_SPARE_COLORS), cycle(_SPARE_MARKERS), cycle(_SPARE_LINES), strict=True)
 _SIGNS: dict[str, Any] = {name: look[1:] for name, look in LOOKS.items()}

@@ -10,7 +10,7 @@ from cotlearn.policies.comparison.cells import COOLED
 from cotlearn.results import Values
 
 #: Samplers that stand for a method with a number of evaluations; each method has one of them.
-_OWN = ("euler-{}", "ddim-{}-trailing", "mean")
+_OWN = ("euler-{}", "ddim-{}-trailing", "jump-{}", "two-passes", "mean")
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Comparison:
     def at(self, method: str, nfe: int, *, cooled: bool = False) -> Values | None:
         """The row of a method with its own sampler; None if there is none.
 
-        A flow's is Euler's method, diffusion's is DDIM with trailing levels, and regression has one
-        with a single evaluation.
+        A flow's is Euler's method, diffusion's DDIM with trailing levels, that of mean velocities
+        equal jumps; regression has one evaluation, and two passes have two.
 
         Args:
             method: a name in `methods`.
