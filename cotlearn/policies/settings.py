@@ -52,9 +52,8 @@ _RECEDING = Options(frame="world", steps=6000, width=256, clusters=1024)
 #: for flows and for diffusion (data/results/policy_targets_push_t.json). The arm's prefer velocity.
 _PUSH = Options(frame="body", prediction="data")
 #: People's demonstrations of Push-T: few, and labelled with what was done. Held-out chunks prefer
-#: velocity and few steps (data/results/few_data.json); nothing is chosen by rollouts, so no
-#: temperature.
-_HUMAN = replace(_PUSH, prediction="velocity", label="action", clusters=512, steps=3000)
+#: velocity here (data/results/few_data.json); nothing is chosen by rollouts, so no temperature.
+_HUMAN = replace(_PUSH, prediction="velocity", label="action", clusters=512, steps=8000)
 #: With a camera and smaller batches: a gradient step takes twice as long.
 _CAMERA = Options(
     frame="agent",
