@@ -2,7 +2,7 @@
 
 No network and no training (GPI, 2510.08787). A window is drawn among the k nearest, by the distance
 of the standardised observations; exploration starts choose k. Then 200 episodes from the starts of
-the tables.
+the tables, with all demonstrations and with fewer.
 
     python benchmarks/neighbours.py push-t
 
@@ -10,13 +10,14 @@ writes data/results/neighbours_push_t.json. An interrupted run goes on.
 """
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from cells import opened
+from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 from torch import Tensor
 
@@ -46,9 +47,10 @@ class Neighbours:
         """One number for each row, which chooses among the neighbours."""
         return torch.rand(1, n, 1, generator=generator)
 
-    def act(self, history: Array, *, noise: Tensor | None = None) -> Array:
+    def act(self, history: ArrayLike, *, noise: Tensor | None = None) -> Array:
         """The first actions of the chosen chunks."""
         assert noise is not None
+        history = np.asarray(history)
         c = self.windows.condition(history).numpy()
         near = np.asarray(self.tree.query(c, k=[*range(1, self.k + 1)])[1])
         rank = (noise[0, :, 0] * self.k).long().clamp(max=self.k - 1).numpy()
@@ -62,34 +64,39 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("task", choices=SETTINGS)
     parser.add_argument("--data", type=Path, help="people's demonstrations")
+    parser.add_argument("--frame", help="of observations and chunks, if not that of the setting")
     asked = parser.parse_known_args()[0]
     setting = SETTINGS[asked.task]
-    options = setting.options
+    options = replace(setting.options, frame=asked.frame or setting.options.frame)
     episodes = read(asked.data or find_data(find_task(setting.task).demonstrations))
-    training, _ = split(episodes, held_out=setting.held_out)
-    windows = options.windows(training)
-    data = windows.dataset(training, label=options.label)
-    assert data.c is not None
-    tree = KDTree(data.c.numpy())
-
-    def summary(k: int, **starts: Any) -> tuple[dict[str, float], Array]:
-        policy = Neighbours(windows, options.execute, tree, data.x1, k)
-        done = rollout(policy, **starts)
-        return done.summary(), done[windows.task.score]
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
-        tried = {k: summary(k, episodes=TRIALS)[0] for k in NEIGHBOURS}
-        task = windows.task
+        count = key["demonstrations"]
+        training, _ = split(episodes, held_out=setting.held_out, train=count)
+        windows = options.windows(training)
+        data, task = windows.dataset(training, label=options.label), windows.task
+        assert data.c is not None
+        tree = KDTree(data.c.numpy())
+        policies = {k: Neighbours(windows, options.execute, tree, data.x1, k) for k in NEIGHBOURS}
+        tried = {k: rollout(one, episodes=TRIALS).summary() for k, one in policies.items()}
         best = max(tried, key=lambda k: (tried[k][task.strictest], tried[k][task.score]))
-        means, scores = summary(best, seeds=range(REPORTED, REPORTED + EPISODES))
-        interval = bootstrap_interval(scores)
-        shown = {str(k): round(found[task.strictest], 4) for k, found in tried.items()}
-        return {"k": best, "tried": shown, "summary": means, "interval": interval}
+        done = rollout(policies[best], seeds=range(REPORTED, REPORTED + EPISODES))
+        return {
+            "windows": len(data),
+            "k": best,
+            "tried": {str(k): round(found[task.strictest], 4) for k, found in tried.items()},
+            "summary": done.summary(),
+            "interval": bootstrap_interval(done[task.score]),
+            "success_interval": bootstrap_interval(done[task.strictest]),
+        }
 
-    protocol = {"windows": len(data), "trials": TRIALS, "episodes": EPISODES}
     name = f"neighbours_{asked.task.replace('-', '_')}"
+    protocol = {"trials": TRIALS, "episodes": EPISODES}
     table = opened(__doc__ or "", protocol, parser=parser, name=name)
-    table.fill([{"setting": asked.task}], compute)
+    most = len(episodes) - setting.held_out
+    counts = [count for count in (150, 500, 1000) if count < most] + [most]
+    same = {"setting": asked.task, **({"frame": asked.frame} if asked.frame else {})}
+    table.fill([{**same, "demonstrations": count} for count in counts], compute)
 
 
 if __name__ == "__main__":
