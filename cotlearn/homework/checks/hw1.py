@@ -46,8 +46,7 @@ def _loss(x0: Tensor, x1: Tensor, t: Tensor) -> Case:
         "t belongs to rows: in a square batch t[:, None], not t": squared(by_column, line),
     }
     hint = "for each row: the sum of (network(t, x_t) - (x1 - x0))²"
-    given = (network, x0, x1, t)
-    return Case(given, squared(place, line), wrong, hint, "the loss")
+    return Case((network, x0, x1, t), squared(place, line), wrong, hint, "the loss")
 
 
 @table("hw1.euler")

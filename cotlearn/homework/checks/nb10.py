@@ -1,7 +1,8 @@
 """The checks of notebook 10."""
 
 import math
-from collections.abc import Iterable
+import operator
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -83,21 +84,12 @@ def pareto() -> Cases:
     )
     for some in (rows, rows[1:], rows[3:], (*rows, ("g", 0.95, 1.00))):
         policies = {name: (success, variety) for name, success, variety in some}
-
-        def best(at_least: bool, policies: dict[str, tuple[float, float]] = policies) -> list[str]:
-            def beaten(mine: tuple[float, float]) -> bool:
-                others = (other for other in policies.values() if other != mine)
-                if at_least:
-                    return any(o[0] >= mine[0] and o[1] >= mine[1] for o in others)
-                return any(o[0] > mine[0] and o[1] > mine[1] for o in others)
-
-            return sorted(name for name, mine in policies.items() if not beaten(mine))
-
-        right = best(at_least=True)
+        right = _unbeaten(policies, operator.ge)
         dominated = sorted(set(policies) - set(right))
+        strict = _unbeaten(policies, operator.gt)
         wrong = {
             "those are the beaten ones: return the others": dominated,
-            "as good in one and better in the other is enough to beat a policy": best(False),
+            "as good in one and better in the other is enough to beat a policy": strict,
             "compare success and variety, not their product or sum": [
                 max(policies, key=lambda name: sum(policies[name]))
             ],
@@ -105,32 +97,38 @@ def pareto() -> Cases:
                 max(policies, key=lambda name: policies[name])
             ],
         }
-        wrong = {hint: names for hint, names in wrong.items() if names != right}
         yield Case((policies,), right, wrong, f"expected {right}", read=_names)
+
+
+def _unbeaten(
+    policies: dict[str, tuple[float, float]], beats: Callable[[float, float], bool]
+) -> list[str]:
+    """The policies that no other one beats in both scores."""
+    both = {
+        name: [all(map(beats, other, mine)) for other in policies.values() if other != mine]
+        for name, mine in policies.items()
+    }
+    return sorted(name for name, beaten in both.items() if not any(beaten))
 
 
 @table("10.memorises")
 def memorises() -> Cases:
     """The policies whose energy score is worse at new starts by more than a factor."""
     scores = {"a": (1.30, 2.42), "b": (1.95, 1.96), "c": (2.9, 1.9), "d": (1.0, 1.15)}
+    names, (known, new) = np.array(list(scores)), np.array(list(scores.values())).T
+    worse = new - known
     for factor in (1.2, 1.1, 2.0):
-        found = sorted(k for k, (known, new) in scores.items() if new > factor * known)
+        found = names[new > factor * known].tolist()
         wrong = {
-            "large where it was trained is not memorising: new / known": sorted(
-                k for k, (known, new) in scores.items() if known > factor * new
+            "large where it was trained is not memorising: new / known": known > factor * new,
+            "compare the ratio of the two scores with the factor, not the difference": (
+                worse > factor
             ),
-            "compare the ratio of the two scores with the factor, not the difference": sorted(
-                k for k, (known, new) in scores.items() if new - known > factor
-            ),
-            "a little worse at new starts is not enough: use the factor": sorted(
-                k for k, (known, new) in scores.items() if new > known
-            ),
-            "compare with its own score where it was trained, not with the factor": sorted(
-                k for k, (_, new) in scores.items() if new > factor
-            ),
+            "a little worse at new starts is not enough: use the factor": worse > 0,
+            "compare with its own score where it was trained, not with the factor": new > factor,
         }
-        wrong = {hint: names for hint, names in wrong.items() if names != found}
-        yield Case((scores, factor), found, wrong, f"expected {found}", read=_names)
+        lists = {hint: names[chosen].tolist() for hint, chosen in wrong.items()}
+        yield Case((scores, factor), found, lists, f"expected {found}", read=_names)
 
 
 def _names(found: Any) -> list[str]:
