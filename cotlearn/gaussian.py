@@ -239,8 +239,7 @@ def bures_squared(first: Array, second: Array) -> float:
 def _sqrtm(matrix: Array) -> Array:
     """Root of a symmetric positive semi-definite matrix; negative rounding errors become 0."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
-    root: Array = (vectors * np.sqrt(values.clip(min=0))) @ vectors.T
-    return root
+    return (vectors * np.sqrt(values.clip(min=0))) @ vectors.T
 
 
 def _symmetric(value: ArrayLike, name: str, size: int | None = None) -> Array:

@@ -148,8 +148,7 @@ class ModelAligned(Coupling):
     def _velocity(self, t: float, x: Tensor, c: Tensor | None) -> Tensor:
         weights = next(self._network.parameters(), x)  # for the network's device and dtype
         moved = None if c is None else c.to(weights)
-        velocity: Tensor = self._network(torch.tensor(t).to(weights), x.to(weights), moved)
-        return velocity.to(x)
+        return self._network(torch.tensor(t).to(weights), x.to(weights), moved).to(x)
 
     def _falling(self, first: float, last: float) -> float:
         done = min(1.0, self._step / self.warmup_steps) if self.warmup_steps else 1.0

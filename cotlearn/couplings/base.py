@@ -77,7 +77,6 @@ class Sampler(Protocol):
         self, n: int, generator: torch.Generator | None = None
     ) -> tuple[Tensor, Tensor | None]:
         """Draw x1 of shape (n, d) and c of shape (n, k)."""
-        ...
 
 
 class Source(Protocol):
@@ -85,7 +84,6 @@ class Source(Protocol):
 
     def __call__(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Draw n rows."""
-        ...
 
 
 class Match(NamedTuple):
@@ -238,8 +236,7 @@ class Coupling(WithOptions):
 
     def draw(self, data: Any, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor | None]:
         """Draw the n rows (x1, c) that a stream pairs at once."""
-        x1, c = data.sample(n, generator=generator)
-        return x1, c
+        return data.sample(n, generator=generator)
 
     def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
         """Draw n rows of data and noise for a stream, and pair them."""
@@ -349,8 +346,7 @@ def squared_distances(first: Tensor, second: Tensor) -> Array:
         if len(rows) < distances.size // 100:
             distances[rows, columns] = ((a[rows] - b[columns]) ** 2).sum(axis=1)
             return distances
-    nearby: Array = cdist(a, b, "sqeuclidean")
-    return nearby
+    return cdist(a, b, "sqeuclidean")
 
 
 def near_rows(weight: float, condition_cost: Array, sample_cost: Array) -> float:
@@ -360,8 +356,7 @@ def near_rows(weight: float, condition_cost: Array, sample_cost: Array) -> float
 
 def to_numpy(value: Tensor) -> Array:
     """A tensor as a float64 array on the CPU; shares memory if it is one already."""
-    array: Array = value.detach().to("cpu", torch.float64).numpy()
-    return array
+    return value.detach().to("cpu", torch.float64).numpy()
 
 
 def _numpy_rng(generator: torch.Generator | None) -> np.random.Generator:

@@ -91,8 +91,7 @@ def unit_variance(
 ) -> NDArray[np.float64]:
     """Scale the columns so that the reference's rows have a mean squared distance of 2."""
     scaler = Standardiser.fit(values if reference is None else reference)
-    scaled: NDArray[np.float64] = scaler(values) / np.sqrt(max(1, (scaler.std > 0).sum()))
-    return scaled
+    return scaler(values) / np.sqrt(max(1, (scaler.std > 0).sum()))
 
 
 @dataclass(frozen=True)

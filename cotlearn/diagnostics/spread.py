@@ -71,5 +71,4 @@ def local_variance(
 
     near = NearestNeighbors(n_neighbors=neighbours + 1).fit(places)
     index = near.kneighbors(places, return_distance=False)
-    local: NDArray[np.float64] = values[index].var(axis=1, ddof=1).sum(axis=1)
-    return local
+    return values[index].var(axis=1, ddof=1).sum(axis=1)
