@@ -176,9 +176,7 @@ def wilson_interval(successes: int, trials: int) -> Interval:
         trials: number of trials, at least 1.
     """
     validation.check_count(trials, "trials")
-    validation.check_count(successes, "successes", minimum=0)
-    if successes > trials:
-        raise ValueError(f"successes must be at most trials {trials}, got {successes}")
+    validation.check_count(successes, "successes", minimum=0, most=trials, of="trials {}")
     from scipy import stats  # late: it takes a second
 
     interval = stats.binomtest(successes, trials).proportion_ci(CONFIDENCE, method="wilson")

@@ -96,9 +96,8 @@ class ModelAligned(Coupling):
         if self.variant != "full":
             return 1.0
         same = torch.zeros(len(x0), 1) if c is None else c
-        return near_rows(
-            self.condition_weight, squared_distances(same, same), squared_distances(x0, x1)
-        )
+        cost = squared_distances(same, same)
+        return near_rows(self.condition_weight, cost, squared_distances(x0, x1))
 
     def row_errors(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> Tensor:
         """The error of pair (x0_i, x1_i, c_i), shape (B,)."""

@@ -181,8 +181,7 @@ class SemidiscreteOT(Coupling):
         if not first > 0:
             return 1.0, 1.0  # all costs are equal: any step size will do
         x0 = draw_noise(points.x1, source, rng)
-        gaps = [points.gap(x, rng) for x in (x0, points.x1)]
-        last = LAST_STEP * math.prod(gaps)
+        last = LAST_STEP * math.prod(points.gap(x, rng) for x in (x0, points.x1))
         return first, min(max(last, 1e-6 * first), first) if math.isfinite(last) else first
 
     def _marginal(self, points: _Points, source: Source | None) -> tuple[float, float]:
@@ -235,8 +234,7 @@ class _Points:
         self.phi = torch.zeros(n, dtype=torch.float64)
         self.label = torch.zeros(n, dtype=torch.long)
         if coupling.clusters is not None:
-            clusters = KMeansCondition(coupling.clusters)
-            self.label = clusters.fit(self.c).labels(self.c)
+            self.label = KMeansCondition(coupling.clusters).fit(self.c).labels(self.c)
         order = self.label.argsort(stable=True)
         self.groups = list(order.split(torch.bincount(self.label).tolist()))
         rows = self.features(self.x1, torch.arange(n))
