@@ -135,8 +135,7 @@ def _labelled(name: str, means: Tensor, std: float) -> ConditionalGaussianMixtur
         return _even(means[_one_hot(c).argmax(dim=1)], std)
 
     def draw(n: int, generator: torch.Generator | None) -> Tensor:
-        labels = torch.randint(n_conditions, (n,), generator=generator)
-        return torch.eye(n_conditions)[labels]
+        return torch.eye(n_conditions)[torch.randint(n_conditions, (n,), generator=generator)]
 
     return ConditionalGaussianMixture(
         name, means.shape[2], n_conditions, components, draw, lambda n: torch.eye(n_conditions)

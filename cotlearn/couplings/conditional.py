@@ -142,10 +142,8 @@ class ConditionalOT(Coupling):
                 weight = self.condition_weight
                 noise, data, c = (value.detach().cpu().double() for value in (x0, x1, c))
                 heavy = math.sqrt(weight) * c
-                cost = squared_distances(
-                    torch.cat([noise, heavy[noise_condition_index]], dim=1),
-                    torch.cat([data, heavy], dim=1),
-                )
+                joint = torch.cat([noise, heavy[noise_condition_index]], dim=1)
+                cost = squared_distances(joint, torch.cat([data, heavy], dim=1))
                 centre = data.mean(dim=0)
                 mean = sum(float((x - centre).square().sum()) for x in (noise, data)) / len(data)
         largest = float(cost.max())

@@ -37,9 +37,8 @@ PRINT_LIMIT = 1_000_000  #: characters that an answer may print; more than any p
 FILE_BYTES = 200_000_000  #: that an answer may write into one file
 PROCESSES = 200  #: that an answer may start, threads included; root has no such limit
 #: What an answer may know of the environment: where programs and libraries are.
-_ENVIRONMENT = {"PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "SYSTEMROOT", "TMPDIR"} | {
-    *("OMP_NUM_THREADS", "MPLBACKEND", "COTLEARN_PROGRESS")
-}
+_ENVIRONMENT = {"PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "SYSTEMROOT", "TMPDIR"}
+_ENVIRONMENT |= {"OMP_NUM_THREADS", "MPLBACKEND", "COTLEARN_PROGRESS"}
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # of linux/prctl.h
 _CLONE_NEWUSER, _CLONE_NEWPID = 0x10000000, 0x20000000  # of linux/sched.h
 

@@ -202,9 +202,7 @@ _ROWS = (
     Method(
         "aligned",
         "flow matching, model-aligned pairs (MAC, weighted)",
-        coupling=lambda options, pictures: couplings.ModelAligned(
-            "weighted", warmup_steps=options.steps // 5
-        ),
+        coupling=lambda options, _: couplings.ModelAligned(warmup_steps=options.steps // 5),
         predictions=("velocity",),
     ),
     Method(

@@ -123,8 +123,7 @@ class Options:
         if self.camera:
             return self.camera.network(windows, **sizes)
         if self.network == "unet":
-            shape = windows.points, len(windows.task.action), columns
-            return TemporalUNet(*shape, seed=seed)
+            return TemporalUNet(windows.points, len(windows.task.action), columns, seed=seed)
         return method.network(ResidualMLP(windows.dim, columns, **sizes))
 
     def pictures(self, method: Method, data: Dataset, windows: Windows) -> EmbeddedClusters | None:

@@ -140,8 +140,7 @@ class ConditionalGaussian:
         """Draw one x1 for each row of c, shape (n, d)."""
         validation.check_generator(generator)
         c = validation.check_condition(c, columns=1)
-        x0 = torch.randn(len(c), self.dim, generator=generator)
-        return self.transport(x0, c)
+        return self.transport(torch.randn(len(c), self.dim, generator=generator), c)
 
     def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
         """Draw n pairs (x1, c) of shapes (n, d) and (n, 1)."""
