@@ -5,13 +5,13 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.distance import cdist
 from torch import Tensor
 
 from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation
-from cotlearn.couplings.base import squared_distances, to_numpy
+from cotlearn.couplings.base import Array, squared_distances, to_numpy
 
 CONFIDENCE = 0.95  #: level of all intervals
 STEPS = 64  #: Euler steps of `straightness`
@@ -227,7 +227,7 @@ def paired_bootstrap(
     return float(difference.mean()), *_percentiles(means)
 
 
-def _percentiles(means: NDArray[np.float64]) -> Interval:
+def _percentiles(means: Array) -> Interval:
     low, high = np.quantile(means, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return float(low), float(high)
 

@@ -154,8 +154,7 @@ class SemidiscreteOT(Coupling):
         if self._points is None or not self._points.are(x1, c):
             self.fit(x1, c, progress=False)
         rows, points = torch.arange(len(x0)), cast(_Points, self._points)
-        chosen = points.search(x0.to("cpu", torch.float32), rows)
-        return Match(rows.numpy(), chosen.numpy())
+        return Match(rows.numpy(), points.search(x0.to("cpu", torch.float32), rows).numpy())
 
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """Fit the potential unless it was fitted to these data and this noise."""
