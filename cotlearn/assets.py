@@ -24,9 +24,8 @@ _NUMBERED = re.compile(r"\d\d_.*\.ipynb")
 def checkout() -> Path | None:
     """Returns the root of the checkout that this package is imported from, or None in a wheel."""
     root = _PACKAGE.parent
-    if (root / "pyproject.toml").is_file() and (root / "course.py").is_file():
-        return root
-    return None
+    found = (root / "pyproject.toml").is_file() and (root / "course.py").is_file()
+    return root if found else None
 
 
 def course_folder() -> Path:

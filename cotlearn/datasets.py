@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Generator, Tensor
 
 from cotlearn import validation
 
@@ -84,15 +84,13 @@ class Dataset:
         """k, the dimension of c; 0 without a condition."""
         return 0 if self.c is None else self.c.shape[1]
 
-    def sample(
-        self, n: int, generator: torch.Generator | None = None
-    ) -> tuple[Tensor, Tensor | None]:
+    def sample(self, n: int, generator: Generator | None = None) -> tuple[Tensor, Tensor | None]:
         """Draw n rows with replacement: x1 of shape (n, d) and c of shape (n, k), or None."""
         validation.check_generator(generator)
         rows = torch.randint(len(self), (validation.check_count(n, "n"),), generator=generator)
         return self.x1[rows], None if self.c is None else self.c[rows]
 
-    def sample_given(self, c: Tensor, generator: torch.Generator | None = None) -> Tensor:
+    def sample_given(self, c: Tensor, generator: Generator | None = None) -> Tensor:
         """For each row of c (n, k) draw a data row with exactly that condition, shape (n, d).
 
         Within one condition, rows are drawn without replacement until all have been drawn.
@@ -136,7 +134,7 @@ class Unconditional:
     dim: int
     condition_dim = 0
 
-    def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, None]:
+    def sample(self, n: int, generator: Generator | None = None) -> tuple[Tensor, None]:
         """Draw n rows x1 of shape (n, d); the condition is None."""
         return self.data.sample(n, generator)[0], None
 

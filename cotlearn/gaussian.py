@@ -52,12 +52,8 @@ class LinearGaussian:
     @classmethod
     def example(cls) -> LinearGaussian:
         """The example of the course: d = 2, k = 1, A = (1.5, 0.5)', b = 0, S_c = 1."""
-        return cls(
-            A=np.array([[1.5], [0.5]]),
-            b=np.zeros(2),
-            S=np.array([[0.5, 0.2], [0.2, 0.3]]),
-            S_c=np.eye(1),
-        )
+        A, S = np.array([[1.5], [0.5]]), np.array([[0.5, 0.2], [0.2, 0.3]])
+        return cls(A, b=np.zeros(2), S=S, S_c=np.eye(1))
 
     @property
     def covariance(self) -> Array:
@@ -239,8 +235,7 @@ def bures_squared(first: Array, second: Array) -> float:
 def _sqrtm(matrix: Array) -> Array:
     """Root of a symmetric positive semi-definite matrix; negative rounding errors become 0."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
-    root: Array = (vectors * np.sqrt(values.clip(min=0))) @ vectors.T
-    return root
+    return (vectors * np.sqrt(values.clip(min=0))) @ vectors.T
 
 
 def _symmetric(value: ArrayLike, name: str, size: int | None = None) -> Array:

@@ -5,13 +5,13 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.distance import cdist
 from torch import Tensor
 
 from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation
-from cotlearn.couplings.base import squared_distances, to_numpy
+from cotlearn.couplings.base import Array, squared_distances, to_numpy
 
 CONFIDENCE = 0.95  #: level of all intervals
 STEPS = 64  #: Euler steps of `straightness`
@@ -176,9 +176,7 @@ def wilson_interval(successes: int, trials: int) -> Interval:
         trials: number of trials, at least 1.
     """
     validation.check_count(trials, "trials")
-    validation.check_count(successes, "successes", minimum=0)
-    if successes > trials:
-        raise ValueError(f"successes must be at most trials {trials}, got {successes}")
+    validation.check_count(successes, "successes", minimum=0, most=trials, of="trials {}")
     from scipy import stats  # late: it takes a second
 
     interval = stats.binomtest(successes, trials).proportion_ci(CONFIDENCE, method="wilson")
@@ -229,7 +227,7 @@ def paired_bootstrap(
     return float(difference.mean()), *_percentiles(means)
 
 
-def _percentiles(means: NDArray[np.float64]) -> Interval:
+def _percentiles(means: Array) -> Interval:
     low, high = np.quantile(means, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return float(low), float(high)
 

@@ -135,8 +135,7 @@ def _labelled(name: str, means: Tensor, std: float) -> ConditionalGaussianMixtur
         return _even(means[_one_hot(c).argmax(dim=1)], std)
 
     def draw(n: int, generator: torch.Generator | None) -> Tensor:
-        labels = torch.randint(n_conditions, (n,), generator=generator)
-        return torch.eye(n_conditions)[labels]
+        return torch.eye(n_conditions)[torch.randint(n_conditions, (n,), generator=generator)]
 
     return ConditionalGaussianMixture(
         name, means.shape[2], n_conditions, components, draw, lambda n: torch.eye(n_conditions)
@@ -265,8 +264,7 @@ def _moons_given_x(means: Tensor, std: float) -> ConditionalGaussianMixture:
         log_weights = torch.log_softmax(-((c - means[:, 0]) ** 2) / (2 * std**2), dim=1)
         heights = means[:, 1].expand(len(c), -1)
         points = torch.stack([c.expand_as(heights), heights], dim=2)
-        stds = torch.tensor([0.0, std]).expand_as(points)
-        return Components(log_weights, points, stds)
+        return Components(log_weights, points, torch.tensor([0.0, std]).expand_as(points))
 
     def draw(n: int, generator: torch.Generator | None) -> Tensor:
         k = torch.randint(len(means), (n,), generator=generator)

@@ -22,18 +22,12 @@ def progress_bar(*, total: int, initial: int = 0, what: str = "", show: bool | N
             (0: neither bar nor lines), and if that is not set, whether this is a terminal or a
             notebook.
     """
-    kernel, switch = _in_notebook(), os.environ.get(SWITCH)
+    ipython, switch = sys.modules.get("IPython"), os.environ.get(SWITCH)
+    kernel = hasattr(ipython and ipython.get_ipython(), "kernel")  # in a notebook
     lines = show is None and not switch and not kernel and not sys.stderr.isatty()
     if show is None:
-        show = (
-            switch != "0" if switch else sys.stderr.isatty() or (kernel and "CI" not in os.environ)
-        )
+        seen = sys.stderr.isatty() or (kernel and "CI" not in os.environ)
+        show = switch != "0" if switch else seen
     seldom: dict[str, Any] = {"delay": LINE_EVERY, "mininterval": LINE_EVERY, "miniters": 1}
     options = {**seldom, "bar_format": _LINE} if lines else {"leave": False}
     return tqdm(total=total, initial=initial, desc=what, disable=not (show or lines), **options)
-
-
-def _in_notebook() -> bool:
-    ipython = sys.modules.get("IPython")
-    shell = ipython.get_ipython() if ipython is not None else None
-    return hasattr(shell, "kernel")

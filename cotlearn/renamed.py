@@ -46,8 +46,7 @@ class _Moved(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     def find_spec(
         self, fullname: str, path: Any = None, target: Any = None
     ) -> importlib.machinery.ModuleSpec | None:
-        known = fullname in MODULES
-        return importlib.machinery.ModuleSpec(fullname, self) if known else None
+        return importlib.machinery.ModuleSpec(fullname, self) if fullname in MODULES else None
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
         _warn(spec.name, MODULES[spec.name])

@@ -26,11 +26,9 @@ def machine(*packages: str) -> Values:
     """Versions of Python, torch, numpy, scipy and `packages`, and a description of the hardware."""
     names = ("torch", "numpy", "scipy", *packages)
     versions = {name: importlib.metadata.version(name) for name in names}
-    return {
-        "versions": {"python": platform.python_version(), **versions},
-        "machine": f"one of {os.cpu_count()} CPU cores of a shared server, {platform.machine()}, "
-        f"{torch.get_num_threads()} thread",
-    }
+    versions = {"python": platform.python_version(), **versions}
+    core = f"one of {os.cpu_count()} CPU cores of a shared server, {platform.machine()}"
+    return {"versions": versions, "machine": f"{core}, {torch.get_num_threads()} thread"}
 
 
 def write_json(path: Path, value: Any) -> None:

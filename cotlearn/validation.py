@@ -193,10 +193,12 @@ def check_array(value: Any, name: str, shape: Shape) -> NDArray[np.float64]:
     return array
 
 
-def check_count(value: Any, name: str, *, minimum: int = 1) -> int:
-    """Return `value` if it is an integer from `minimum` to 2**63 - 1, for instance a seed.
+def check_count(
+    value: Any, name: str, *, minimum: int = 1, most: int | None = None, of: str = "{}"
+) -> int:
+    """Return `value` if it is an integer from `minimum` to `most`, or to 2**63 - 1 without it.
 
-    True, 3.0 and tensors are not integers.
+    True, 3.0 and tensors are not integers. `of` says what `most` is, as "the {} rows".
     """
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be an integer, got {value!r}")
@@ -205,6 +207,8 @@ def check_count(value: Any, name: str, *, minimum: int = 1) -> int:
         raise ValueError(f"{name} must be below 2**63, got {_digits(number)}")
     if number < minimum:
         raise ValueError(f"{name} must be at least {minimum}, got {_digits(number)}")
+    if most is not None and number > most:
+        raise ValueError(f"{name} must be at most {of.format(most)}, got {number}")
     return number
 
 

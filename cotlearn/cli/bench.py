@@ -40,6 +40,7 @@ def bench(
     say = functools.partial(console.print, markup=False)
     with reported():
         from cotlearn.policies.comparison import cells as comparison
+        from cotlearn.policies.comparison.cells import Protocol
         from cotlearn.policies.comparison.summary import summarise
         from cotlearn.validation import check_output
 
@@ -49,19 +50,13 @@ def bench(
         if latency:
             comparison.measure_latency(folder, weights=weights, say=say)
         else:
-            held_out = held_out or setting.held_out
+            sizes = train_episodes, held_out or setting.held_out, episodes
             comparison.bench(
                 demonstrations,
                 folder=folder,
                 methods=[m.strip() for m in methods.split(",")] if methods else setting.methods,
                 seeds=policies.numbers(seeds, "seeds"),
-                protocol=comparison.Protocol(
-                    setting.options,
-                    train_episodes,
-                    held_out,
-                    episodes,
-                    temperatures=setting.temperatures,
-                ),
+                protocol=Protocol(setting.options, *sizes, temperatures=setting.temperatures),
                 weights=weights,
                 executor=executor,
                 say=say,

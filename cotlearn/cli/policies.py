@@ -19,12 +19,8 @@ if TYPE_CHECKING:
     from cotlearn.robots.episodes import Episodes
 
 Name = Annotated[str, typer.Argument(help="A task; its options are the course's.")]
-Data = Annotated[
-    Path | None,
-    typer.Option(
-        help="An .npz, Diffusion Policy's .zarr or LeRobot folder; default: the course's."
-    ),
-]
+_LAYOUTS = "An .npz, Diffusion Policy's .zarr or LeRobot folder; default: the course's."
+Data = Annotated[Path | None, typer.Option(help=_LAYOUTS)]
 #: Fields of `policies.training.Options` that a command can change.
 OPTIONS = {
     "steps": Annotated[int | None, typer.Option(min=1, help="Gradient steps.")],

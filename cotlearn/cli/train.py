@@ -34,13 +34,8 @@ def train(
         setting, chosen = policies.setting(name, options, data)
         if episodes is not None:
             chosen = chosen.select(range(min(episodes, len(chosen))))
-        trained = training.train(
-            coupling,
-            chosen,
-            seed=seed,
-            options=with_choice(coupling, chosen, setting.options),
-            checkpoint=checkpoint,
-        )
+        used = with_choice(coupling, chosen, setting.options)
+        trained = training.train(coupling, chosen, seed=seed, options=used, checkpoint=checkpoint)
         trained.policy.about = {"coupling": coupling, "seed": seed, "episodes": len(chosen)}
         trained.policy.save(out)
         facts = f"{trained.parameters} weights, {len(chosen)} episodes, {trained.seconds:.0f} s"

@@ -96,18 +96,15 @@ class ModelAligned(Coupling):
         if self.variant != "full":
             return 1.0
         same = torch.zeros(len(x0), 1) if c is None else c
-        return near_rows(
-            self.condition_weight, squared_distances(same, same), squared_distances(x0, x1)
-        )
+        cost = squared_distances(same, same)
+        return near_rows(self.condition_weight, cost, squared_distances(x0, x1))
 
     def row_errors(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> Tensor:
         """The error of pair (x0_i, x1_i, c_i), shape (B,)."""
         self.evaluations = 2 * len(x0)
         target = x1 - x0
-        return sum(
-            (self._velocity(t, x, c) - target).square().sum(dim=1) / 2
-            for t, x in ((0.0, x0), (1.0, x1))
-        )  # type: ignore[return-value]
+        start, end = (self._velocity(t, x, c) - target for t, x in ((0.0, x0), (1.0, x1)))
+        return start.square().sum(dim=1) / 2 + end.square().sum(dim=1) / 2
 
     def errors(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> Array:
         """The error of every pair (x0_i, x1_j, c_j), shape (B, B).
@@ -148,8 +145,7 @@ class ModelAligned(Coupling):
     def _velocity(self, t: float, x: Tensor, c: Tensor | None) -> Tensor:
         weights = next(self._network.parameters(), x)  # for the network's device and dtype
         moved = None if c is None else c.to(weights)
-        velocity: Tensor = self._network(torch.tensor(t).to(weights), x.to(weights), moved)
-        return velocity.to(x)
+        return self._network(torch.tensor(t).to(weights), x.to(weights), moved).to(x)
 
     def _falling(self, first: float, last: float) -> float:
         done = min(1.0, self._step / self.warmup_steps) if self.warmup_steps else 1.0

@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 
 FAR = 8.0  #: if mean - least cost exceeds this many deviations, it sets the scale of the costs
 TEMPERATURE = np.float32(0.1)  #: of the first steps, in units of the costs' scale
@@ -88,12 +89,7 @@ def potentials(cost: Array, least: Array, spread: float, near: float) -> tuple[A
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _step(
-    kernel: NDArray[np.float32],
-    u: NDArray[np.float32],
-    v: NDArray[np.float32],
-    sums: NDArray[np.float32],
-) -> None:
+def _step(kernel: Single, u: Single, v: Single, sums: Single) -> None:
     """One over-relaxed Sinkhorn step of u and v in place; `sums` becomes u kernel."""
     n = len(u)
     sums[:] = 0

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
-from torch import Tensor
+from torch import Generator, Tensor
 
 from cotlearn import validation
 
@@ -73,19 +73,15 @@ class Pairs:
 class Sampler(Protocol):
     """Data: an object whose `sample(n, generator=g)` returns (x1, c); c may be None."""
 
-    def sample(
-        self, n: int, generator: torch.Generator | None = None
-    ) -> tuple[Tensor, Tensor | None]:
+    def sample(self, n: int, generator: Generator | None = None) -> tuple[Tensor, Tensor | None]:
         """Draw x1 of shape (n, d) and c of shape (n, k)."""
-        ...
 
 
 class Source(Protocol):
     """Noise: a callable whose `source(n, generator=g)` returns x0 of shape (n, d)."""
 
-    def __call__(self, n: int, generator: torch.Generator | None = None) -> Tensor:
+    def __call__(self, n: int, generator: Generator | None = None) -> Tensor:
         """Draw n rows."""
-        ...
 
 
 class Match(NamedTuple):
@@ -135,7 +131,7 @@ class Coupling(WithOptions):
         x0: Tensor,
         x1: Tensor,
         c: Tensor | None = None,
-        generator: torch.Generator | None = None,
+        generator: Generator | None = None,
     ) -> Pairs:
         """Pair a batch.
 
@@ -174,7 +170,7 @@ class Coupling(WithOptions):
         batch_size: int,
         ot_batch_size: int | None = None,
         source: Source | None = None,
-        generator: torch.Generator | None = None,
+        generator: Generator | None = None,
         start: int = 0,
     ) -> Iterator[Pairs]:
         """Yield training batches without end.
@@ -229,19 +225,18 @@ class Coupling(WithOptions):
                 yield pairs.map(itemgetter(slice(k * batch_size, (k + 1) * batch_size)))
             number, first = number + 1, 0
 
-    def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
+    def prepare(self, data: Any, source: Source | None, generator: Generator) -> None:
         """Fit clusters or potentials to the data before the first batch of a stream."""
 
     def epoch_rows(self, data: Any) -> int:
         """Rows of an epoch if a whole epoch is paired at once; 0 if batches are."""
         return 0
 
-    def draw(self, data: Any, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor | None]:
+    def draw(self, data: Any, n: int, generator: Generator) -> tuple[Tensor, Tensor | None]:
         """Draw the n rows (x1, c) that a stream pairs at once."""
-        x1, c = data.sample(n, generator=generator)
-        return x1, c
+        return data.sample(n, generator=generator)
 
-    def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
+    def solve(self, data: Any, n: int, source: Source | None, generator: Generator) -> Pairs:
         """Draw n rows of data and noise for a stream, and pair them."""
         x1, c = self.draw(data, n, generator)
         return self(draw_noise(x1, source, generator), x1, c, generator)
@@ -289,7 +284,7 @@ class Batches(Coupling):
     def __init__(self, batches: Iterator[Pairs]) -> None:
         self._batches = batches
 
-    def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
+    def solve(self, data: Any, n: int, source: Source | None, generator: Generator) -> Pairs:
         """The next batch."""
         return next(self._batches)
 
@@ -314,7 +309,7 @@ def check_like(value: Any, name: str, x: Tensor) -> Tensor:
     return validation.check_matrix(validation.check_shape(value, name, tuple(x.shape)), name)
 
 
-def draw_noise(x1: Tensor, source: Source | None, generator: torch.Generator) -> Tensor:
+def draw_noise(x1: Tensor, source: Source | None, generator: Generator) -> Tensor:
     """Draw noise with the shape of x1 (n, d), standard normal unless a source is given."""
     if source is None:
         return torch.randn(x1.shape, dtype=x1.dtype, generator=generator)
@@ -322,7 +317,7 @@ def draw_noise(x1: Tensor, source: Source | None, generator: torch.Generator) ->
     return validation.check_shape(drawn, "source(n)", tuple(x1.shape))
 
 
-def generator_for(seed: int, number: int, purpose: int = 0) -> torch.Generator:
+def generator_for(seed: int, number: int, purpose: int = 0) -> Generator:
     """A generator seeded by (seed, number, purpose) only, the same on every machine."""
     sequence = np.random.SeedSequence([seed % 2**64, number, purpose])
     return torch.Generator().manual_seed(int(sequence.generate_state(1, np.uint64)[0]) >> 1)
@@ -349,8 +344,7 @@ def squared_distances(first: Tensor, second: Tensor) -> Array:
         if len(rows) < distances.size // 100:
             distances[rows, columns] = ((a[rows] - b[columns]) ** 2).sum(axis=1)
             return distances
-    nearby: Array = cdist(a, b, "sqeuclidean")
-    return nearby
+    return cdist(a, b, "sqeuclidean")
 
 
 def near_rows(weight: float, condition_cost: Array, sample_cost: Array) -> float:
@@ -360,11 +354,10 @@ def near_rows(weight: float, condition_cost: Array, sample_cost: Array) -> float
 
 def to_numpy(value: Tensor) -> Array:
     """A tensor as a float64 array on the CPU; shares memory if it is one already."""
-    array: Array = value.detach().to("cpu", torch.float64).numpy()
-    return array
+    return value.detach().to("cpu", torch.float64).numpy()
 
 
-def _numpy_rng(generator: torch.Generator | None) -> np.random.Generator:
+def _numpy_rng(generator: Generator | None) -> np.random.Generator:
     device = "cpu" if generator is None else generator.device
     seed = torch.randint(2**62, (1,), generator=generator, device=device)
     return np.random.default_rng(int(seed))

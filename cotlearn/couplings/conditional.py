@@ -12,15 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.couplings.base import Array, Coupling, Index, Match, near_rows, squared_distances
-from cotlearn.validation import (
-    check_choice,
-    check_condition,
-    check_function,
-    check_number,
-    check_same_rows,
-)
 
 
 @dataclass(repr=False)
@@ -60,31 +54,30 @@ class ConditionalOT(Coupling):
     rules = ("balanced",)  #: names of rules that choose a weight for each batch
 
     def __post_init__(self) -> None:
-        if isinstance(self.condition_weight, str):
-            number = "a number from 0 to math.inf, or "
-            check_choice(self.condition_weight, "condition_weight", self.rules, number)
+        weight, name = self.condition_weight, "condition_weight"
+        if isinstance(weight, str):
+            also = "a number from 0 to math.inf, or "
+            validation.check_choice(weight, name, self.rules, also)
         else:
-            self.condition_weight = check_number(
-                self.condition_weight, "condition_weight", infinite=True
-            )
-        check_choice(self.label, "label", ("target", "source"))
+            self.condition_weight = validation.check_number(weight, name, infinite=True)
+        validation.check_choice(self.label, "label", ("target", "source"))
         if self.condition is not None:
-            check_function(self.condition, "condition", "of c")
+            validation.check_function(self.condition, "condition", "of c")
 
     @classmethod
     def from_gamma(cls, gamma: float, **options: Any) -> ConditionalOT:
         """COT Policy's g (2505.01179): w = gamma^2."""
-        return cls(check_number(gamma, "gamma", infinite=True) ** 2, **options)
+        return cls(validation.check_number(gamma, "gamma", infinite=True) ** 2, **options)
 
     @classmethod
     def from_beta(cls, beta: float, **options: Any) -> ConditionalOT:
         """Chemseddine's beta (2403.18705): w = beta^2."""
-        return cls(check_number(beta, "beta", infinite=True) ** 2, **options)
+        return cls(validation.check_number(beta, "beta", infinite=True) ** 2, **options)
 
     @classmethod
     def from_epsilon(cls, epsilon: float, **options: Any) -> ConditionalOT:
         """Kerrigan's epsilon (2404.04240): w = 1 / epsilon; 0 pairs within equal conditions."""
-        epsilon = check_number(epsilon, "epsilon")
+        epsilon = validation.check_number(epsilon, "epsilon")
         return cls(1 / epsilon if epsilon else math.inf, **options)
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
@@ -92,9 +85,8 @@ class ConditionalOT(Coupling):
         seen = self._seen_of(c)
         noise_condition_index = rng.permutation(len(x0))  # c0 = c[noise_condition_index]
         if self.condition_weight == math.inf:
-            source, target = _within_classes(
-                squared_distances(x0, x1), seen, noise_condition_index, rng
-            )
+            cost = squared_distances(x0, x1)
+            source, target = _within_classes(cost, seen, noise_condition_index, rng)
         else:
             source = np.arange(len(x0))
             target = exact_permutation(self._joint_cost(x0, x1, seen, noise_condition_index))
@@ -129,10 +121,12 @@ class ConditionalOT(Coupling):
 
     def _seen_of(self, c: Tensor) -> Tensor:
         """The conditions in the cost, (B, m)."""
-        if self.condition is not None:
-            rows, c = c, check_condition(self.condition(check_condition(c)), "condition(c)")
-            check_same_rows(c, "condition(c)", rows, "c")
-        return c
+        if self.condition is None:
+            return c
+        name, seen = "condition(c)", self.condition(validation.check_condition(c))
+        seen = validation.check_condition(seen, name)
+        validation.check_same_rows(seen, name, c, "c")
+        return seen
 
     def _joint_cost(self, x0: Tensor, x1: Tensor, c: Tensor, noise_condition_index: Index) -> Array:
         """|x0_i - x1_j|^2 + w C(c0_i, c_j), shape (B, B), with c0 = c[noise_condition_index]."""
@@ -148,10 +142,8 @@ class ConditionalOT(Coupling):
                 weight = self.condition_weight
                 noise, data, c = (value.detach().cpu().double() for value in (x0, x1, c))
                 heavy = math.sqrt(weight) * c
-                cost = squared_distances(
-                    torch.cat([noise, heavy[noise_condition_index]], dim=1),
-                    torch.cat([data, heavy], dim=1),
-                )
+                joint = torch.cat([noise, heavy[noise_condition_index]], dim=1)
+                cost = squared_distances(joint, torch.cat([data, heavy], dim=1))
                 centre = data.mean(dim=0)
                 mean = sum(float((x - centre).square().sum()) for x in (noise, data)) / len(data)
         largest = float(cost.max())

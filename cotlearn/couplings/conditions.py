@@ -13,18 +13,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cotlearn import validation
 from cotlearn.couplings.base import WithOptions, to_numpy
 from cotlearn.datasets import Standardiser
 from cotlearn.renamed import renamed
-from cotlearn.validation import (
-    check_condition,
-    check_count,
-    check_function,
-    check_has,
-    check_matrix,
-    check_number,
-    check_same_rows,
-)
 
 ROWS_AT_ONCE = 4096  #: rows whose distances to the centroids are held in memory at once
 
@@ -56,9 +48,9 @@ def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | Non
     parts: list[Tensor] = []
     first_name, first = next(iter(conditions.items()))
     for name, c in conditions.items():
-        c = check_condition(c, name)
-        check_same_rows(c, name, first, first_name)
-        weight = check_number(weights.get(name, 1.0), f"weights[{name!r}]")
+        c = validation.check_condition(c, name)
+        validation.check_same_rows(c, name, first, first_name)
+        weight = validation.check_number(weights.get(name, 1.0), f"weights[{name!r}]")
         scaler = Standardiser.fit(c)
         varying = max(1, int((scaler.std > 0).sum()))
         parts.append(scaler(c) * math.sqrt(weight / varying))
@@ -77,8 +69,8 @@ class Clusters(WithOptions):
     _fitted: Mapping[str, Tensor] = {}
 
     def __post_init__(self) -> None:
-        check_count(self.clusters, "clusters")
-        check_count(self.seed, "seed", minimum=0)
+        validation.check_count(self.clusters, "clusters")
+        validation.check_count(self.seed, "seed", minimum=0)
 
     def fit(self, c: Tensor) -> Self:
         """Find the centroids of the training conditions c (n, k).
@@ -86,11 +78,8 @@ class Clusters(WithOptions):
         Raises:
             ValueError: there are more clusters than rows.
         """
-        c = check_condition(c)
-        if self.clusters > len(c):
-            raise ValueError(
-                f"clusters must be at most the {len(c)} rows of c, got {self.clusters}"
-            )
+        c = validation.check_condition(c)
+        validation.check_count(self.clusters, "clusters", most=len(c), of="the {} rows of c")
         self._fitted = self._fit(c)
         centroids = _k_means(to_numpy(self.project(c)), self.clusters, self.seed)
         self._fitted = {**self._fitted, "centroids": torch.from_numpy(centroids).to(c)}
@@ -111,7 +100,7 @@ class Clusters(WithOptions):
 
     def labels(self, c: Tensor) -> Tensor:
         """The index 0 .. K-1 of each row's nearest centroid, (n,); distances are in float64."""
-        centroids, c = self.centroids.to(c.device, torch.float64), check_condition(c)
+        centroids, c = self.centroids.to(c.device, torch.float64), validation.check_condition(c)
         labels = torch.empty(len(c), dtype=torch.long, device=c.device)
         # filled in place: small results that are kept between large blocks can break up the heap
         for part, found in zip(c.split(ROWS_AT_ONCE), labels.split(ROWS_AT_ONCE), strict=True):
@@ -158,7 +147,7 @@ class KMeansCondition(Clusters):
     def project(self, c: Tensor) -> Tensor:
         """The standardised conditions, (n, k)."""
         mean, std = (self._ready(name).to(c.device) for name in ("mean", "std"))
-        return Standardiser(mean, std)(check_matrix(check_condition(c), "c", columns=len(mean)))
+        return Standardiser(mean, std)(validation.check_condition(c, columns=len(mean)))
 
 
 @dataclass(repr=False, kw_only=True)
@@ -182,16 +171,16 @@ class PCAKMeansCondition(Clusters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_count(self.components, "components")
+        validation.check_count(self.components, "components")
         if self.pixels is not None:
-            check_count(self.pixels, "pixels")
+            validation.check_count(self.pixels, "pixels")
 
     def _fit(self, c: Tensor) -> dict[str, Tensor]:
         pixels = c[:, : self.pixels]
         if self.pixels not in (None, pixels.shape[1]):
             raise ValueError(f"pixels is {self.pixels}, but c has only {c.shape[1]} columns")
-        if self.components > (most := min(pixels.shape)):
-            raise ValueError(f"components must be at most {most} for this c, got {self.components}")
+        most = min(pixels.shape)
+        validation.check_count(self.components, "components", most=most, of="{} for this c")
         from sklearn.decomposition import PCA  # late: it takes a second
 
         pca = PCA(self.components, random_state=self.seed).fit(to_numpy(pixels))
@@ -200,9 +189,9 @@ class PCAKMeansCondition(Clusters):
 
     def project(self, c: Tensor) -> Tensor:
         """Principal components, then proprioception: (n, components + other columns)."""
-        c = check_condition(c)
+        c = validation.check_condition(c)
         mean, basis = (self._ready(name).to(c) for name in ("mean", "basis"))
-        pixels = check_matrix(c[:, : self.pixels], "the pixels of c", columns=len(mean))
+        pixels = validation.check_matrix(c[:, : self.pixels], "the pixels of c", columns=len(mean))
         return torch.cat([(pixels - mean) @ basis.T, c[:, len(mean) :]], dim=1)
 
 
@@ -222,13 +211,14 @@ class EmbeddedClusters(Clusters):
     rows: int = 20_000
 
     def __post_init__(self) -> None:
-        check_function(self.embed, "embed", "of c")
-        check_has(self.inner, "inner", "clusters such as KMeansCondition()", "fit", "project")
-        check_count(self.rows, "rows")
+        validation.check_function(self.embed, "embed", "of c")
+        wanted = "clusters such as KMeansCondition()"
+        validation.check_has(self.inner, "inner", wanted, "fit", "project")
+        validation.check_count(self.rows, "rows")
 
     def fit(self, c: Tensor) -> Self:
         """Fit `inner` to the embedding of c (n, k)."""
-        c = check_condition(c)
+        c = validation.check_condition(c)
         if len(c) > self.rows:
             rng = torch.Generator().manual_seed(self.seed)
             c = c[torch.randperm(len(c), generator=rng)[: self.rows].to(c.device)]
@@ -254,7 +244,7 @@ class EmbeddedClusters(Clusters):
 
     def _embedded(self, c: Tensor) -> Tensor:
         with torch.no_grad():
-            return check_condition(self.embed(c), "embed(c)")
+            return validation.check_condition(self.embed(c), "embed(c)")
 
 
 def _k_means(rows: Any, clusters: int, seed: int) -> Any:

@@ -154,8 +154,7 @@ class SemidiscreteOT(Coupling):
         if self._points is None or not self._points.are(x1, c):
             self.fit(x1, c, progress=False)
         rows, points = torch.arange(len(x0)), cast(_Points, self._points)
-        chosen = points.search(x0.to("cpu", torch.float32), rows)
-        return Match(rows.numpy(), chosen.numpy())
+        return Match(rows.numpy(), points.search(x0.to("cpu", torch.float32), rows).numpy())
 
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """Fit the potential unless it was fitted to these data and this noise."""
@@ -181,8 +180,7 @@ class SemidiscreteOT(Coupling):
         if not first > 0:
             return 1.0, 1.0  # all costs are equal: any step size will do
         x0 = draw_noise(points.x1, source, rng)
-        gaps = [points.gap(x, rng) for x in (x0, points.x1)]
-        last = LAST_STEP * math.prod(gaps)
+        last = LAST_STEP * math.prod(points.gap(x, rng) for x in (x0, points.x1))
         return first, min(max(last, 1e-6 * first), first) if math.isfinite(last) else first
 
     def _marginal(self, points: _Points, source: Source | None) -> tuple[float, float]:
@@ -235,8 +233,7 @@ class _Points:
         self.phi = torch.zeros(n, dtype=torch.float64)
         self.label = torch.zeros(n, dtype=torch.long)
         if coupling.clusters is not None:
-            clusters = KMeansCondition(coupling.clusters)
-            self.label = clusters.fit(self.c).labels(self.c)
+            self.label = KMeansCondition(coupling.clusters).fit(self.c).labels(self.c)
         order = self.label.argsort(stable=True)
         self.groups = list(order.split(torch.bincount(self.label).tolist()))
         rows = self.features(self.x1, torch.arange(n))

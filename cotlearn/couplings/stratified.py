@@ -64,9 +64,7 @@ class StratifiedOT(Coupling):
             self.clusters = KMeansCondition(self.clusters)
         if not isinstance(self.residual, bool):
             raise TypeError(f"residual must be True or False, got {self.residual!r}")
-        rows = check_count(self.rows_per_solve, "rows_per_solve", minimum=2)
-        if rows > LARGEST_SOLVE:
-            raise ValueError(f"rows_per_solve must be at most {LARGEST_SOLVE}, got {rows}")
+        check_count(self.rows_per_solve, "rows_per_solve", minimum=2, most=LARGEST_SOLVE)
         if self.n_samples is not None:
             check_count(self.n_samples, "n_samples")
         self._last, self._streams = Last(), False

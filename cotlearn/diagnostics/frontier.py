@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Pairs, generator_for, to_numpy
+from cotlearn.couplings.base import Array, Coupling, Pairs, generator_for, to_numpy
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import skew
 from cotlearn.diagnostics.probe import one_step_scores
@@ -204,7 +203,7 @@ def _point(draws: Any, test: Dataset, seed: int, **known: Any) -> FrontierPoint:
     )
 
 
-def _places(pairs: Any, x0: Tensor, c: Tensor) -> NDArray[np.float64]:
+def _places(pairs: Any, x0: Tensor, c: Tensor) -> Array:
     """Rows (x0, c); noise and condition are scaled to equal variance over the pairs."""
     given = ((x0, pairs.x0), (c, pairs.c))
     return np.hstack([skew.unit_variance(to_numpy(new), to_numpy(old)) for new, old in given])
@@ -225,9 +224,7 @@ def one_step_error(pairs: Any, test: Any, seed: int = 0) -> float:
     rows = torch.randperm(len(test), generator=rng)[:1000]
     x0 = pairs.x0[torch.randperm(len(pairs), generator=rng)[: len(rows)]]
     rows = rows[: len(x0)]
-    from sklearn.neighbors import NearestNeighbors  # late: it takes a second
-
-    near = NearestNeighbors(n_neighbors=NEIGHBOURS).fit(_places(pairs, pairs.x0, pairs.c))
-    index = near.kneighbors(_places(pairs, x0, test.c[rows]), return_distance=False)
+    fresh, places = _places(pairs, x0, test.c[rows]), _places(pairs, pairs.x0, pairs.c)
+    index = skew.nearest(places, NEIGHBOURS, of=fresh)
     mean = torch.from_numpy(to_numpy(pairs.x1)[index].mean(axis=1))
     return joint_squared_w2(mean, test.x1[rows].double(), test.c[rows])

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Batches, Pairs, generator_for
 from cotlearn.datasets import Standardiser
+from cotlearn.flows.matching import squared_error
 from cotlearn.flows.networks import VelocityMLP
 from cotlearn.flows.training import fit
 from cotlearn.metrics import energy_scores
@@ -53,5 +54,4 @@ def one_step_scores(pairs: Any, test: Any, *, steps: int = 500, seed: int = 0) -
 
 def _first_step(network: Any, pairs: Pairs, generator: torch.Generator) -> Tensor:
     """Squared error of the velocity at t = 0 for each row, (B,)."""
-    error = network(0.0, pairs.x0, pairs.c) - (pairs.x1 - pairs.x0)
-    return error.square().sum(dim=1)
+    return squared_error(network(0.0, pairs.x0, pairs.c), pairs.x1 - pairs.x0)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from cotlearn import validation
-from cotlearn.couplings.base import to_numpy
+from cotlearn.couplings.base import Array, to_numpy
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.datasets import Standardiser
 
@@ -64,10 +64,7 @@ def prior_skew(x0: Tensor, c: Tensor, *, generator: torch.Generator | None = Non
     noise, condition = unit_variance(to_numpy(x0)[rows]), unit_variance(to_numpy(c)[rows])
     condition[half:] = rng.permutation(condition[half:])
     shuffled = np.arange(len(rows)) >= half
-    from sklearn.neighbors import NearestNeighbors  # late: it takes a second
-
-    nearest = NearestNeighbors(n_neighbors=NEIGHBOURS).fit(np.hstack([noise, condition]))
-    near = nearest.kneighbors(return_distance=False)
+    near = nearest(np.hstack([noise, condition]), NEIGHBOURS)
 
     def excess(label: NDArray[np.bool_]) -> float:
         return float(2 * (label[near] == label[:, None]).mean() - 1)
@@ -86,13 +83,18 @@ def check_conditioned(x: Tensor, name: str, c: Tensor) -> Tensor:
     return c
 
 
-def unit_variance(
-    values: NDArray[np.float64], reference: NDArray[np.float64] | None = None
-) -> NDArray[np.float64]:
+def unit_variance(values: Array, reference: Array | None = None) -> Array:
     """Scale the columns so that the reference's rows have a mean squared distance of 2."""
     scaler = Standardiser.fit(values if reference is None else reference)
-    scaled: NDArray[np.float64] = scaler(values) / np.sqrt(max(1, (scaler.std > 0).sum()))
-    return scaled
+    return scaler(values) / np.sqrt(max(1, (scaler.std > 0).sum()))
+
+
+def nearest(places: Array, neighbours: int, *, of: Array | None = None) -> NDArray[np.int64]:
+    """The rows of the places (n, m) nearest to each row `of` (k, m), or to each other if None."""
+    from sklearn.neighbors import NearestNeighbors  # late: it takes a second
+
+    near = NearestNeighbors(n_neighbors=neighbours).fit(places)
+    return near.kneighbors(of, return_distance=False)
 
 
 @dataclass(frozen=True)
@@ -174,11 +176,11 @@ def enough_rows(x0: Tensor, c: Tensor) -> bool:
     return len(x0) >= ROWS_FOR_EACH * max(x0.shape[1], c.shape[1])
 
 
-def _whitened(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _whitened(values: Array) -> Array:
     """Orthonormal columns with the span of the centred columns; dependent columns are dropped."""
     left, size, _ = np.linalg.svd(_standardised(values), full_matrices=False)
     return left[:, size > 1e-6 * size.max(initial=0)]
 
 
-def _standardised(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _standardised(values: Array) -> Array:
     return Standardiser.fit(values)(values)

@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from torch import Tensor
 
-from cotlearn.couplings.base import to_numpy
-from cotlearn.diagnostics.skew import MOST_ROWS, check_conditioned, unit_variance
+from cotlearn.couplings.base import Array, to_numpy
+from cotlearn.diagnostics.skew import MOST_ROWS, check_conditioned, nearest, unit_variance
 from cotlearn.validation import check_count
 
 NEIGHBOURS = 10  #: rows with near conditions
@@ -63,13 +62,7 @@ def between_within(x1: Tensor, c: Tensor, *, seed: int = 0) -> BetweenWithin:
     return BetweenWithin(total, within, total - within)
 
 
-def local_variance(
-    places: NDArray[np.float64], values: NDArray[np.float64], neighbours: int
-) -> NDArray[np.float64]:
+def local_variance(places: Array, values: Array, neighbours: int) -> Array:
     """tr Var of the values (n, d) over each row and its nearest places (n, m), for each row."""
-    from sklearn.neighbors import NearestNeighbors  # late: it takes a second
-
-    near = NearestNeighbors(n_neighbors=neighbours + 1).fit(places)
-    index = near.kneighbors(places, return_distance=False)
-    local: NDArray[np.float64] = values[index].var(axis=1, ddof=1).sum(axis=1)
-    return local
+    index = nearest(places, neighbours + 1, of=places)
+    return values[index].var(axis=1, ddof=1).sum(axis=1)

@@ -126,8 +126,7 @@ class Diffusion:
 
     def ddim_levels(self, nfe: int, spacing: str = "leading") -> list[int]:
         """The levels at which `ddim` evaluates the network, falling."""
-        if validation.check_count(nfe, "nfe") > self.levels:
-            raise ValueError(f"nfe must be at most the {self.levels} levels, got {nfe}")
+        validation.check_count(nfe, "nfe", most=self.levels, of="the {} levels")
         if validation.check_choice(spacing, "spacing", SPACINGS) == "leading":
             return [self.levels // nfe * i for i in reversed(range(nfe))]
         return [round(self.levels * (nfe - i) / nfe) - 1 for i in range(nfe)]

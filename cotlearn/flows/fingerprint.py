@@ -54,9 +54,7 @@ def _code(loss: Any) -> list[Any]:
 
 
 def _instructions(code: CodeType) -> list[Any]:
-    constants = [
-        _instructions(one) if isinstance(one, CodeType) else repr(one) for one in code.co_consts
-    ]
+    constants = [_instructions(k) if isinstance(k, CodeType) else repr(k) for k in code.co_consts]
     return [code.co_code.hex(), list(code.co_names), constants]
 
 

@@ -102,8 +102,7 @@ def velocity_of(network: Velocity, prediction: str = "velocity") -> Velocity:
 
 def uniform_times(pairs: Pairs, generator: torch.Generator | None) -> Tensor:
     """One time for each row, (B,), drawn on the CPU."""
-    times = torch.rand(len(pairs), generator=generator, dtype=pairs.x0.dtype)
-    return times.to(pairs.x0.device)
+    return torch.rand(len(pairs), generator=generator, dtype=pairs.x0.dtype).to(pairs.x0.device)
 
 
 def _loss_at(network: Velocity, pairs: Pairs, t: Tensor, prediction: str) -> Tensor:

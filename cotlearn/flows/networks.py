@@ -117,15 +117,14 @@ class ResidualMLP(_Network):
         super().__init__(dim, condition_dim)
         check_count(width, "width")
         check_count(context, "context")
+        check_count(blocks, "blocks")
         self.sizes: dict[str, Any] = {"dim": dim, "condition_dim": condition_dim, "width": width}
         self.sizes |= {"blocks": blocks, "context": context}  # to build it again from a file
         self.time = TimeFeatures(_TIME_SIZE)
         with seeded(seed):
             self.context = nn.Sequential(nn.Linear(_TIME_SIZE + condition_dim, context), nn.SiLU())
             self.first = nn.Linear(dim + condition_dim, width)
-            self.blocks = nn.ModuleList(
-                _ResidualBlock(width, context) for _ in range(check_count(blocks, "blocks"))
-            )
+            self.blocks = nn.ModuleList(_ResidualBlock(width, context) for _ in range(blocks))
             self.last = nn.Sequential(nn.LayerNorm(width), nn.SiLU(), nn.Linear(width, dim))
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:

@@ -118,8 +118,7 @@ def integrate(
         for step in range(steps):
             after = one_step(field, step / steps, 1 / steps, states[-1])
             states = [*states, after] if trajectory else [after]
-    kept = torch.stack(states) if trajectory else None
-    return Solution(states[-1], evaluations, times, kept)
+    return Solution(states[-1], evaluations, times, torch.stack(states) if trajectory else None)
 
 
 def _adaptive(field: Field, x0: Tensor) -> tuple[Tensor, list[Tensor]]:

@@ -37,9 +37,8 @@ PRINT_LIMIT = 1_000_000  #: characters that an answer may print; more than any p
 FILE_BYTES = 200_000_000  #: that an answer may write into one file
 PROCESSES = 200  #: that an answer may start, threads included; root has no such limit
 #: What an answer may know of the environment: where programs and libraries are.
-_ENVIRONMENT = {"PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "SYSTEMROOT", "TMPDIR"} | {
-    *("OMP_NUM_THREADS", "MPLBACKEND", "COTLEARN_PROGRESS")
-}
+_ENVIRONMENT = {"PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "SYSTEMROOT", "TMPDIR"}
+_ENVIRONMENT |= {"OMP_NUM_THREADS", "MPLBACKEND", "COTLEARN_PROGRESS"}
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # of linux/prctl.h
 _CLONE_NEWUSER, _CLONE_NEWPID = 0x10000000, 0x20000000  # of linux/sched.h
 
@@ -100,15 +99,15 @@ def _fork(folder: str, limits: Limits, channel: Connection, life: Connection) ->
     process but its own, and they all end with it. Elsewhere, processes that the answer started come
     to this one when they lose their parents, even if they are in sessions of their own.
     """
-    _prctl(_PR_SET_CHILD_SUBREAPER, 1)
     system = ctypes.CDLL(None)
+    system.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     if system.unshare(_CLONE_NEWPID):  # not as root
         system.unshare(_CLONE_NEWUSER | _CLONE_NEWPID)
     answer = os.fork()
     if answer == 0:
         _close_all_but(channel.fileno())
         os.setsid()
-        _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        system.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
         return
     channel.close()
     status, used = 0, 0.0
@@ -159,10 +158,6 @@ def _children() -> list[int]:
             if int(words[1]) == os.getpid():
                 found.append(int(path.parent.name))
     return found
-
-
-def _prctl(option: int, value: int) -> None:
-    ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
 
 
 def _send(channel: Connection, kind: str, value: object = None) -> None:

@@ -122,8 +122,7 @@ def read(path: Path, name: str) -> Assignment:
     if tests:
         raise ValueError(f"{path.name}: a question has no cell tagged 'check'")
     code = (str(cell.source) for cell in notebook.cells if cell.cell_type == "code")
-    title = execution.title(notebook)
-    return Assignment(name, title, tuple(questions), next(code, ""), path)
+    return Assignment(name, execution.title(notebook), tuple(questions), next(code, ""), path)
 
 
 def _checks(source: str) -> list[tuple[str, str]]:

@@ -129,8 +129,7 @@ def stamped(notebook: Any, master: Path) -> Any:
 
 def fingerprint(master: Path) -> str:
     """Returns a short hash of a master's cells; outputs and metadata do not change it."""
-    cells = read(master).cells
-    text = "\0".join(f"{cell.cell_type}\0{cell.source}" for cell in cells)
+    text = "\0".join(f"{cell.cell_type}\0{cell.source}" for cell in read(master).cells)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -8,12 +8,7 @@ markers and labels.
 
 from cotlearn.plots._canvas import panels
 from cotlearn.plots.arm import arm_paths, arm_paths_3d, arm_pose
-from cotlearn.plots.charts import (
-    curves,
-    error_against_nfe,
-    histogram,
-    score_against_nfe,
-)
+from cotlearn.plots.charts import curves, error_against_nfe, histogram, score_against_nfe
 from cotlearn.plots.fields import contours, net, outlines, velocity_field
 from cotlearn.plots.images import image_grid, picture_grid
 from cotlearn.plots.motion import animate, film, gif

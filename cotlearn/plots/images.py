@@ -30,8 +30,7 @@ def picture_grid(pictures: Numbers, *, columns: int, row_labels: Sequence[str]) 
         columns: pictures in a row.
         row_labels: labels beside the rows.
     """
-    colors = as_array(pictures, "n", "height", "width", 3)
-    return _tile(colors, columns, row_labels, inches=1.05)
+    return _tile(as_array(pictures, "n", "height", "width", 3), columns, row_labels, inches=1.05)
 
 
 def _tile(tiles: Array, columns: int, row_labels: Sequence[str], *, inches: float) -> Axes:

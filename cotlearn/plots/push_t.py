@@ -109,8 +109,7 @@ def push_t_animation(episodes: Mapping[str, Numbers], *, every: int, panel: floa
 def _world(ax: Axes | None, title: str) -> Axes:
     """The empty world with its goal, y pointing down as in the environment's pictures."""
     ax = open_plane(ax)
-    goal = corners(np.array(GOAL))
-    ax.add_patch(Polygon(goal, facecolor=GOAL_AREA, edgecolor="none", zorder=1))
+    ax.add_patch(Polygon(corners(GOAL), facecolor=GOAL_AREA, edgecolor="none", zorder=1))
     ax.set(xlabel="x in pixels", ylabel="y in pixels", title=title)
     ax.set(xlim=(0, SIZE), ylim=(SIZE, 0), xticks=(0, 256, 512), yticks=(0, 256, 512))
     ax.set_aspect("equal", adjustable="box")

@@ -31,22 +31,6 @@ if TYPE_CHECKING:
     from cotlearn.policies.training import Options, Run
 
 
-def _flow_matching(options: Options) -> Loss:
-    return FlowMatching(options.share_at_t0, options.prediction)
-
-
-def _flow_sampler(options: Options, clip: float) -> samplers.Sampler:
-    return samplers.FlowSampler(16, prediction=options.prediction)
-
-
-def _diffusion(options: Options) -> Loss:
-    return samplers.diffusion_of(options.prediction).loss
-
-
-def _diffusion_sampler(options: Options, clip: float) -> samplers.Sampler:
-    return samplers.DDPMSampler(clip=clip, prediction=options.prediction)
-
-
 @dataclass(frozen=True)
 class Method:
     """A row of the table.
@@ -72,8 +56,10 @@ class Method:
     name: str
     description: str
     coupling: Callable[[Options, EmbeddedClusters | None], Coupling] = lambda *_: Independent()
-    loss: Callable[[Options], Loss] = _flow_matching
-    sampler: Callable[[Options, float], samplers.Sampler] = _flow_sampler
+    loss: Callable[[Options], Loss] = lambda o: FlowMatching(o.share_at_t0, o.prediction)
+    sampler: Callable[[Options, float], samplers.Sampler] = lambda options, clip: (
+        samplers.FlowSampler(16, prediction=options.prediction)
+    )
     predictions: tuple[str, ...] = matching.PREDICTIONS
     open_option: str = ""
     pictures: Callable[[Options], int | None] | None = None
@@ -168,8 +154,8 @@ MEAN_FLOW = Method(
 DIFFUSION = Method(
     "diffusion",
     "DDPM with 100 levels",
-    loss=_diffusion,
-    sampler=_diffusion_sampler,
+    loss=lambda options: samplers.diffusion_of(options.prediction).loss,
+    sampler=lambda options, clip: samplers.DDPMSampler(clip=clip, prediction=options.prediction),
     predictions=diffusion.PREDICTIONS,
 )
 
@@ -216,9 +202,7 @@ _ROWS = (
     Method(
         "aligned",
         "flow matching, model-aligned pairs (MAC, weighted)",
-        coupling=lambda options, pictures: couplings.ModelAligned(
-            "weighted", warmup_steps=options.steps // 5
-        ),
+        coupling=lambda options, _: couplings.ModelAligned(warmup_steps=options.steps // 5),
         predictions=("velocity",),
     ),
     Method(

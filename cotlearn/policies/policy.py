@@ -203,8 +203,7 @@ class ChunkPolicy:
 
 def check_execute(execute: int, predict: int) -> None:
     """Raise ValueError unless `execute` is from 1 to `predict`."""
-    if validation.check_count(execute, "execute") > predict:
-        raise ValueError(f"execute must be at most the {predict} predicted steps, got {execute}")
+    validation.check_count(execute, "execute", most=predict, of="the {} predicted steps")
 
 
 __getattr__ = renamed(__name__, {name: f"cotlearn.policies.samplers:{name}" for name in SAMPLERS})

@@ -111,6 +111,7 @@ def rollout(
     steps = np.zeros(episodes, dtype=np.int64)
     done = np.full((max_steps, episodes, len(task.action)), np.nan)
     kept, seconds, chunks, early = [state], 0.0, 0, None
+    limits, size = task.action_limits, (policy.execute, len(task.action))
     with progress_bar(total=max_steps, what="rollout", show=progress) as bar:
         for now in range(max_steps):
             if not active.any():
@@ -121,13 +122,9 @@ def rollout(
                 rng = generator_for(0, now // policy.execute, NOISE)
                 noise = policy.noise(episodes, rng)[:, rows]
                 started = time.perf_counter()
-                plan = np.zeros((episodes, policy.execute, len(task.action)))
-                plan[rows] = check_numbers(
-                    policy.act(history[rows], noise=noise),
-                    task.action_limits,
-                    "actions of the policy",
-                    shape=(len(rows), policy.execute, len(task.action)),
-                )
+                plan = np.zeros((episodes, *size))
+                acts, name = policy.act(history[rows], noise=noise), "actions of the policy"
+                plan[rows] = check_numbers(acts, limits, name, shape=(len(rows), *size))
                 seconds += time.perf_counter() - started
                 chunks += len(rows)
             action = plan[:, place]

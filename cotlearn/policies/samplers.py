@@ -113,14 +113,11 @@ class DDPMSampler(Sampler):
         diffusion_of(self.prediction, self.levels)  # checks
 
     @property
-    def draws(self) -> int:
-        """The start, and fresh noise in every step but the last."""
-        return self.levels
-
-    @property
     def nfe(self) -> int:
         """One for each level."""
         return self.levels
+
+    draws = nfe  #: the start, and fresh noise in every step but the last
 
     @property
     def variants(self) -> list[Sampler]:

@@ -99,9 +99,8 @@ class Options:
     def from_stored(cls, stored: Mapping[str, Any]) -> Self:
         """Reads what `dataclasses.asdict` made of options, also under the names of version 0.1."""
         values = {_OLD_NAMES.get(name, name): value for name, value in stored.items()}
-        camera = values.pop("camera", None) or {
-            field.name: values.pop(field.name) for field in fields(Pixels) if field.name in values
-        }
+        old = [field.name for field in fields(Pixels) if field.name in values]
+        camera = values.pop("camera", None) or {name: values.pop(name) for name in old}
         if values.get("network") == "camera":
             values["network"] = "mlp"
             values["condition_weight"] = values["condition_weight"] or "balanced"
@@ -123,8 +122,7 @@ class Options:
         if self.camera:
             return self.camera.network(windows, **sizes)
         if self.network == "unet":
-            shape = windows.points, len(windows.task.action), columns
-            return TemporalUNet(*shape, seed=seed)
+            return TemporalUNet(windows.points, len(windows.task.action), columns, seed=seed)
         return method.network(ResidualMLP(windows.dim, columns, **sizes))
 
     def pictures(self, method: Method, data: Dataset, windows: Windows) -> EmbeddedClusters | None:

@@ -55,10 +55,8 @@ class Windows:
         check_count(self.observe, "observe")
         check_count(self.predict, "predict")
         check_choice(self.frame, "frame", tuple(self.task.frames))
-        if self.knots is not None and check_count(self.knots, "knots") > self.predict:
-            raise ValueError(
-                f"knots must be at most the {self.predict} predicted steps, got {self.knots}"
-            )
+        if self.knots is not None:
+            check_count(self.knots, "knots", most=self.predict, of="the {} predicted steps")
 
     @classmethod
     def fit(

@@ -43,8 +43,7 @@ class ActionMLP(nn.Module):
 
     def forward(self, t: Time, x: Tensor, c: Tensor | None = None) -> Tensor:
         """s_t(x; c), shape (B,), for t a number or of shape (B,), in [0, 1]."""
-        s: Tensor = (self.network(t, x, c) * x).sum(dim=1)
-        return s
+        return (self.network(t, x, c) * x).sum(dim=1)
 
     def derivatives(self, t: Time, x: Tensor, c: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """ds/dt of shape (B,) and grad s of shape (B, d), differentiable in the weights."""
@@ -85,8 +84,7 @@ class OptimalAction(nn.Module):
         time = check_times(t, x)
         z0, u = straight_line(self.potential, time, x, c)
         start = self.potential(z0, c) - z0.square().sum(dim=1) / 2
-        value: Tensor = time / 2 * u.square().sum(dim=1) + start
-        return value
+        return time / 2 * u.square().sum(dim=1) + start
 
     def derivatives(self, t: Time, x: Tensor, c: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """ds/dt = -|u|^2/2 of shape (B,) and grad s = u of shape (B, d), without a graph."""

@@ -131,11 +131,8 @@ class _Layers:
         return by_z[::-1]
 
     def value(self, x: Tensor) -> Tensor:
-        return (
-            (x * self._times_q(x)).sum(dim=1) / 2
-            + (x * self.b).sum(dim=1)
-            + (_softplus(self._forward(x)[-1]) * self.w).sum(dim=1)
-        )
+        network = (_softplus(self._forward(x)[-1]) * self.w).sum(dim=1)
+        return (x * self._times_q(x)).sum(dim=1) / 2 + (x * self.b).sum(dim=1) + network
 
     def gradient(self, x: Tensor) -> Tensor:
         a = self._forward(x)
@@ -197,14 +194,11 @@ class _InputConvex(ConvexPotential):
         shape = check_count(depth, "depth"), check_count(width, "width")
         self.root = nn.Parameter(torch.eye(dim))
         start = math.log(1 / width)  # softplus(r) is nearly exp(r) here: rows sum to about 1
-        self.body = nn.ParameterDict(
-            [
-                ("L", torch.randn(*shape, dim) * (2 / math.sqrt(dim))),
-                ("s", torch.randn(shape)),
-                ("raw_W", torch.randn(depth - 1, width, width) + start - 0.5),
-                ("raw_w", torch.full((width,), start + math.log(AT_THE_START))),
-            ]
-        )
+        self.body = nn.ParameterDict()
+        self.body["L"] = torch.randn(*shape, dim) * (2 / math.sqrt(dim))
+        self.body["s"] = torch.randn(shape)
+        self.body["raw_W"] = torch.randn(depth - 1, width, width) + start - 0.5
+        self.body["raw_w"] = torch.full((width,), start + math.log(AT_THE_START))
 
     def _q(self, root: Tensor) -> Tensor:
         """Q = root root^T + alpha I, positive definite."""

@@ -140,8 +140,7 @@ class ConditionalGaussian:
         """Draw one x1 for each row of c, shape (n, d)."""
         validation.check_generator(generator)
         c = validation.check_condition(c, columns=1)
-        x0 = torch.randn(len(c), self.dim, generator=generator)
-        return self.transport(x0, c)
+        return self.transport(torch.randn(len(c), self.dim, generator=generator), c)
 
     def sample(self, n: int, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
         """Draw n pairs (x1, c) of shapes (n, d) and (n, 1)."""
@@ -175,9 +174,8 @@ def eight_gaussians_map(n: int = 1024, *, seed: int = 0) -> tuple[Tensor, Tensor
     validation.check_count(seed, "seed", minimum=0)
     if validation.check_count(n, "n") & (n - 1):
         raise ValueError(f"n must be a power of 2, got {n}")
-    u = torch.quasirandom.SobolEngine(2, scramble=True, seed=seed).draw(n).double()
-    v = torch.quasirandom.SobolEngine(2, scramble=True, seed=seed + 1).draw(n).double()
-    u, v = (w.clamp(1e-9, 1 - 1e-9) for w in (u, v))
+    engines = (torch.quasirandom.SobolEngine(2, scramble=True, seed=seed + k) for k in (0, 1))
+    u, v = (engine.draw(n).double().clamp(1e-9, 1 - 1e-9) for engine in engines)
     radius, angle = (-2 * u[:, 0].log()).sqrt(), math.pi / 8 * u[:, 1]
     x0 = torch.stack([radius * angle.cos(), radius * angle.sin()], dim=1)
     normal = math.sqrt(2 * 0.1) * torch.erfinv(2 * v - 1)  # standard deviation sqrt(0.1)

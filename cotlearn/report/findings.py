@@ -194,15 +194,10 @@ def examine(
     for name, coupling in couplings.items():
         about = {"coupling": repr(coupling), "data": rows.about, "network": NETWORK, "steps": steps}
         word = TRAININGS[name != "independent"]
-        network = fit(
-            VelocityMLP(train.dim, train.condition_dim, seed=seed, **NETWORK),
-            train,
-            coupling,
-            steps=steps,
-            batch_size=BATCH,
-            seed=seed,
-            checkpoint=checkpoints and f"{checkpoints}.{word}.training.safetensors",
-        ).network
+        plain = VelocityMLP(train.dim, train.condition_dim, seed=seed, **NETWORK)
+        file = checkpoints and f"{checkpoints}.{word}.training.safetensors"
+        options: dict[str, Any] = {"steps": steps, "batch_size": BATCH, "seed": seed}
+        network = fit(plain, train, coupling, **options, checkpoint=file).network
         made = [torch.stack([integrate(network, z, test.c, nfe=n).x1 for z in noise]) for n in NFE]
         scores = torch.stack([energy_scores(drawn, test.x1) for drawn in made])
         spread = torch.stack([drawn.var(dim=0).sum(dim=1).mean() for drawn in made])

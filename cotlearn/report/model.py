@@ -33,8 +33,7 @@ class FewStepModel:
         """Sample one x1 (n, d) for each row of c (n, k) with `nfe` Euler steps."""
         c = check_matrix(check_condition(c), "c", columns=len(self.c.mean))
         x0 = torch.randn(len(c), len(self.x.mean), generator=generator)
-        x1: Tensor = self.x.inverse(integrate(self.network, x0, self.c(c), nfe=nfe).x1)
-        return x1
+        return self.x.inverse(integrate(self.network, x0, self.c(c), nfe=nfe).x1)
 
     def save(self, path: str | Path) -> None:
         """Write a safetensors file, atomically."""

@@ -152,9 +152,8 @@ def _read_npz(path: Path) -> Rows:
             arrays = {key: stored[key] for key in ("x1", "c", "group") if key in stored}
             names = stored.files
     except (zipfile.BadZipFile, EOFError, OSError, ValueError, MemoryError) as error:
-        raise ValueError(
-            f"{path} is damaged, no .npz file, or holds Python objects: {error}"
-        ) from error
+        what = f"{path} is damaged, no .npz file, or holds Python objects"
+        raise ValueError(f"{what}: {error}") from error
     if missing := [key for key in ("x1", "c") if key not in arrays]:
         raise ValueError(f"{path} has no array {' and no array '.join(missing)}; it has {names}")
     return from_arrays(**arrays, name=path.name)

@@ -26,6 +26,7 @@ WITHOUT = {
     "couplings.*.candidates": "called by the frontier with batches of a stream",
     "diagnostics.skew.check_conditioned": "the check itself",
     "diagnostics.skew.enough_rows": "the check itself",
+    "diagnostics.skew.nearest": "a part of prior_skew",
     "diagnostics.skew.unit_variance": "a part of prior_skew",
     "diagnostics.spread.local_variance": "a part of between_within",
     "couplings.*.project": "a part of labels",

@@ -32,9 +32,8 @@ class LearnedSource(nn.Module):
         if not self.condition_dim:
             raise ValueError("network must have a condition, got condition_dim = 0")
         with seeded(seed):
-            self.head = nn.Sequential(
-                nn.Linear(self.condition_dim, width), nn.SiLU(), nn.Linear(width, 2 * self.dim)
-            )
+            first, last = nn.Linear(self.condition_dim, width), nn.Linear(width, 2 * self.dim)
+            self.head = nn.Sequential(first, nn.SiLU(), last)
 
     def forward(self, t: Tensor, x: Tensor, c: Tensor) -> Tensor:
         """The velocity (B, d)."""

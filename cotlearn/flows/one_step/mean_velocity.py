@@ -83,9 +83,8 @@ class MeanFlow:
         try:
             both: Any = torch.func.jvp(of, (t, x, length), (one, v, -one))
         except (NotImplementedError, RuntimeError) as error:
-            raise TypeError(
-                f"network must allow forward-mode differentiation (torch.func.jvp): {error}"
-            ) from error
+            wanted = "network must allow forward-mode differentiation (torch.func.jvp)"
+            raise TypeError(f"{wanted}: {error}") from error
         u, change = both
         errors = squared_error(u, (v + length[:, None] * change).detach())
         return errors / (errors.detach() + SOFTENING) ** self.power
@@ -95,8 +94,7 @@ def _starts_and_lengths(
     pairs: Pairs, share_instant: float, generator: torch.Generator
 ) -> tuple[Tensor, Tensor]:
     """Sorted logit-normal times t and r of each row as t and r - t, a share of them with r = t."""
-    drawn = torch.randn(2, len(pairs), generator=generator).to(pairs.x0) + LOCATION
-    times = drawn.sigmoid()
+    times = (torch.randn(2, len(pairs), generator=generator).to(pairs.x0) + LOCATION).sigmoid()
     t, r = times.amin(dim=0), times.amax(dim=0)
     instant = torch.rand(len(pairs), generator=generator).to(pairs.x0) < share_instant
     return t, (r - t).masked_fill(instant, 0.0)

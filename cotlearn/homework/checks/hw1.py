@@ -46,8 +46,7 @@ def _loss(x0: Tensor, x1: Tensor, t: Tensor) -> Case:
         "t belongs to rows: in a square batch t[:, None], not t": squared(by_column, line),
     }
     hint = "for each row: the sum of (network(t, x_t) - (x1 - x0))²"
-    given = (network, x0, x1, t)
-    return Case(given, squared(place, line), wrong, hint, "the loss")
+    return Case((network, x0, x1, t), squared(place, line), wrong, hint, "the loss")
 
 
 @table("hw1.euler")
@@ -138,21 +137,19 @@ def _steps(
     return x
 
 
-def _mixture(
-    t: float, x: Tensor, means: Tensor, s: float, **mistake: float
-) -> tuple[Tensor, Tensor]:
+def _mixture(t: float, x: Tensor, means: Tensor, s: float, **slip: float) -> tuple[Tensor, Tensor]:
     """The components' posterior (n, k, 1), and E[x1 - x0 | x_t, component] (n, k, d).
 
     Typical mistakes: another `centre` of the components, `variance`, factor `two` or `sign`.
     """
     x, means = x.double(), means.double()
-    var = mistake.get("variance", (1 - t) ** 2 + t**2 * s**2)
-    two, sign = mistake.get("two", 2.0), mistake.get("sign", -1.0)
-    away = x[:, None] - mistake.get("centre", t) * means
+    var = slip.get("variance", (1 - t) ** 2 + t**2 * s**2)
+    two, sign = slip.get("two", 2.0), slip.get("sign", -1.0)
+    away = x[:, None] - slip.get("centre", t) * means
     posterior = torch.softmax(-away.square().sum(2, keepdim=True) / (two * var), dim=1)
     return posterior, means + (t * s**2 + sign * (1 - t)) / var * away
 
 
-def _velocity(*given: Any, **mistake: Any) -> Tensor:
-    posterior, each = _mixture(*given, **mistake)
+def _velocity(*given: Any, **slip: Any) -> Tensor:
+    posterior, each = _mixture(*given, **slip)
     return (posterior * each).sum(1)

@@ -87,8 +87,7 @@ def ofm_loss(g: torch.Generator) -> Cases:
             "that is the distance; the loss is its square": right.sqrt(),
         }
         hint = "for each row: |grad(z0) - z0 - (x1 - x0)|²"
-        given = (_gradient, _solve, x0, x1, t)
-        yield Case(given, right, wrong, hint, "the loss")
+        yield Case((_gradient, _solve, x0, x1, t), right, wrong, hint, "the loss")
 
 
 @table("hw3.l2_uvp")

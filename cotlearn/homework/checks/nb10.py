@@ -1,7 +1,8 @@
 """The checks of notebook 10."""
 
 import math
-from collections.abc import Iterable
+import operator
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -54,13 +55,11 @@ def gap(g: torch.Generator) -> Cases:
         def error(x0: Tensor, c: Tensor, x1: Tensor = x1) -> Tensor:
             return (model(x0, c) - x1).square().sum(dim=1)
 
-        coupled, fresh = error(x0, c), error(x0[order], c)
+        coupled, fresh, both = error(x0, c), error(x0[order], c), error(x0[order], c[order])
         right = (fresh - coupled).mean()
         wrong = {
             "the other way round: fresh minus coupled": -right,
-            "shuffle the noise alone: the conditions stay with their x1": (
-                error(x0[order], c[order]) - coupled
-            ).mean(),
+            "shuffle the noise alone: the conditions stay with their x1": (both - coupled).mean(),
             "shuffle the noise, not the conditions": (error(x0, c[order]) - coupled).mean(),
             "shuffle the noise alone: with c and x1 shuffled as well nothing changes": 0.0,
             "the squared distance is a sum over the columns, not a mean": right / 3,
@@ -83,54 +82,45 @@ def pareto() -> Cases:
     )
     for some in (rows, rows[1:], rows[3:], (*rows, ("g", 0.95, 1.00))):
         policies = {name: (success, variety) for name, success, variety in some}
-
-        def best(at_least: bool, policies: dict[str, tuple[float, float]] = policies) -> list[str]:
-            def beaten(mine: tuple[float, float]) -> bool:
-                others = (other for other in policies.values() if other != mine)
-                if at_least:
-                    return any(o[0] >= mine[0] and o[1] >= mine[1] for o in others)
-                return any(o[0] > mine[0] and o[1] > mine[1] for o in others)
-
-            return sorted(name for name, mine in policies.items() if not beaten(mine))
-
-        right = best(at_least=True)
+        right = _unbeaten(policies, operator.ge)
         dominated = sorted(set(policies) - set(right))
+        strict = _unbeaten(policies, operator.gt)
+        by_success = max(policies, key=policies.__getitem__)
+        by_sum = max(policies, key=lambda name: sum(policies[name]))
         wrong = {
             "those are the beaten ones: return the others": dominated,
-            "as good in one and better in the other is enough to beat a policy": best(False),
-            "compare success and variety, not their product or sum": [
-                max(policies, key=lambda name: sum(policies[name]))
-            ],
-            "compare success and variety, not success alone": [
-                max(policies, key=lambda name: policies[name])
-            ],
+            "as good in one and better in the other is enough to beat a policy": strict,
+            "compare success and variety, not their product or sum": [by_sum],
+            "compare success and variety, not success alone": [by_success],
         }
-        wrong = {hint: names for hint, names in wrong.items() if names != right}
         yield Case((policies,), right, wrong, f"expected {right}", read=_names)
+
+
+def _unbeaten(policies: dict[str, Any], beats: Callable[[float, float], bool]) -> list[str]:
+    """The policies that no other one beats in both scores."""
+    both = {
+        name: [all(map(beats, other, mine)) for other in policies.values() if other != mine]
+        for name, mine in policies.items()
+    }
+    return sorted(name for name, beaten in both.items() if not any(beaten))
 
 
 @table("10.memorises")
 def memorises() -> Cases:
     """The policies whose energy score is worse at new starts by more than a factor."""
     scores = {"a": (1.30, 2.42), "b": (1.95, 1.96), "c": (2.9, 1.9), "d": (1.0, 1.15)}
+    names, (known, new) = np.array(list(scores)), np.array(list(scores.values())).T
+    off = new - known
     for factor in (1.2, 1.1, 2.0):
-        found = sorted(k for k, (known, new) in scores.items() if new > factor * known)
+        found = names[new > factor * known].tolist()
         wrong = {
-            "large where it was trained is not memorising: new / known": sorted(
-                k for k, (known, new) in scores.items() if known > factor * new
-            ),
-            "compare the ratio of the two scores with the factor, not the difference": sorted(
-                k for k, (known, new) in scores.items() if new - known > factor
-            ),
-            "a little worse at new starts is not enough: use the factor": sorted(
-                k for k, (known, new) in scores.items() if new > known
-            ),
-            "compare with its own score where it was trained, not with the factor": sorted(
-                k for k, (_, new) in scores.items() if new > factor
-            ),
+            "large where it was trained is not memorising: new / known": known > factor * new,
+            "compare the ratio of the two scores with the factor, not the difference": off > factor,
+            "a little worse at new starts is not enough: use the factor": off > 0,
+            "compare with its own score where it was trained, not with the factor": new > factor,
         }
-        wrong = {hint: names for hint, names in wrong.items() if names != found}
-        yield Case((scores, factor), found, wrong, f"expected {found}", read=_names)
+        lists = {hint: names[chosen].tolist() for hint, chosen in wrong.items()}
+        yield Case((scores, factor), found, lists, f"expected {found}", read=_names)
 
 
 def _names(found: Any) -> list[str]:

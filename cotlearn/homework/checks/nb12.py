@@ -27,11 +27,11 @@ def _decision(gains: dict[str, float], right: str, sure: float) -> Case:
     """Scores whose best clean gain is `sure` standard errors."""
     rng = np.random.default_rng(12)
     row = rng.gamma(4.0, 0.25, size=100)  # what every coupling finds hard
-    wave = np.resize([1.0, -1.0], 100)
-    best = max(gain for name, gain in gains.items() if name != "naive OT")
-    noise = abs(best) / sure * 10 * wave  # of standard error |best| / sure
+    clean = {name: gain for name, gain in gains.items() if name != "naive OT"}
+    error = abs(max(clean.values())) / sure
+    noise = error * 10 * np.resize([1.0, -1.0], 100)  # of this standard error
     scores = {"independent": row} | {name: row - gain + noise for name, gain in gains.items()}
-    clean = {name: gain for name, gain in gains.items() if name != "naive OT"} | {"independent": 0}
+    clean["independent"] = 0
     wrong: dict[str, Any] = {"naive OT is flagged: leave it out first": "naive OT"}
     if (worst := min(clean, key=clean.__getitem__)) not in (right, "independent"):
         wrong["small scores are good"] = worst

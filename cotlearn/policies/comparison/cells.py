@@ -94,13 +94,11 @@ class _Bench:
 
     def score(self, policy: ChunkPolicy, held: Dataset) -> Values:
         """The scores of a policy with its sampler, as trained and at the temperature it chooses."""
-        name = policy.sampler.name
-        starts = range(
-            self.protocol.first_start, self.protocol.first_start + self.protocol.episodes
-        )
+        name, protocol = policy.sampler.name, self.protocol
+        starts = range(protocol.first_start, protocol.first_start + protocol.episodes)
         found = {name: scores.evaluate(policy, held, starts=starts)}
-        if self.protocol.temperatures and policy.sampler.random:
-            chosen, tried = scores.choose_temperature(policy, self.protocol.temperatures)
+        if protocol.temperatures and policy.sampler.random:
+            chosen, tried = scores.choose_temperature(policy, protocol.temperatures)
             cooled = replace(policy, temperature=chosen)
             same = chosen == policy.temperature
             again = found[name] if same else scores.evaluate(cooled, held, starts=starts)

@@ -40,7 +40,7 @@ def choose(method: str | Method, training: Episodes, options: Options) -> dict[s
     windows = options.windows(training)
     data = windows.dataset(training, label=options.label)
     assert data.c is not None
-    values: list[float]
+    values: list[Any]
     if option == "clusters":
         values = sorted({max(1, len(data) // rows) for rows in STRATUM_ROWS})
     else:
@@ -50,8 +50,7 @@ def choose(method: str | Method, training: Episodes, options: Options) -> dict[s
     couplings: dict[str, Coupling] = {"independent": Independent()}
     pictures = None
     for value in values:
-        changed: dict[str, Any] = {option: value}
-        tried = replace(options, **changed)
+        tried = replace(options, **{option: value})
         if pictures is None or option == "clusters":
             pictures = tried.pictures(method, data, windows)
         couplings[f"{value:g}"] = method.coupling(tried, pictures)

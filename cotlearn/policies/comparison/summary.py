@@ -114,10 +114,8 @@ def _compare(cells: Cells, sampler: str, reference: Cells) -> dict[str, Any] | N
 
 def _training(cells: list[dict[str, Any]]) -> dict[str, Any]:
     each = [cell["training"] for cell in cells]
-    found: dict[str, Any] = {
-        name: [round(one[name], 1) for one in each]
-        for name in ("seconds", "cpu_seconds_of_last_run")
-    }
+    times = ("seconds", "cpu_seconds_of_last_run")
+    found: dict[str, Any] = {name: [round(one[name], 1) for one in each] for name in times}
     found["parameters"] = each[0]["parameters"]
     chosen = [cell["chosen"] for cell in cells if "chosen" in cell]
     return {**found, "chosen": chosen[0]} if chosen else found

@@ -80,8 +80,7 @@ class Painter:
         engine, (width, height) = mujoco(), self._size
         self._context = importlib.import_module(f"mujoco.{self.how}").GLContext(width, height)
         self._context.make_current()
-        scale = engine.mjtFontScale.mjFONTSCALE_100.value
-        self._picture = engine.MjrContext(self._model, scale)
+        self._picture = engine.MjrContext(self._model, engine.mjtFontScale.mjFONTSCALE_100.value)
         engine.mjr_setBuffer(engine.mjtFramebuffer.mjFB_OFFSCREEN.value, self._picture)
         self._scene = engine.MjvScene(self._model, maxgeom=400)
         self._scene.flags[engine.mjtRndFlag.mjRND_REFLECTION] = 0

@@ -134,8 +134,8 @@ def split(
     rest = len(episodes) - held_out
     if rest < 1:
         raise ValueError(f"held_out must be below the {len(episodes)} episodes, got {held_out}")
-    if train is not None and check_count(train, "train") > rest:
-        raise ValueError(f"train must be at most the {rest} remaining episodes, got {train}")
+    if train is not None:
+        check_count(train, "train", most=rest, of="the {} remaining episodes")
     order = np.random.default_rng(seed).permutation(len(episodes))
     kept = order[held_out:][:train]
     return episodes.select(np.sort(kept)), episodes.select(np.sort(order[:held_out]))

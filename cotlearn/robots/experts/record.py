@@ -65,9 +65,8 @@ def record(path: str | Path, task: str = "push-t", *, episodes: int, seed: int) 
                 raise ValueError(f"{folder} holds parts of another recording: choose another file")
             parts.append(arrays)
     merged = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    merged["episode_ends"] = np.cumsum(
-        np.concatenate([np.diff(part["episode_ends"], prepend=0) for part in parts])
-    )
+    lengths = [np.diff(part["episode_ends"], prepend=0) for part in parts]
+    merged["episode_ends"] = np.cumsum(np.concatenate(lengths))
     replaced = int((merged["seed"] != [_seed(seed, i, 0) for i in range(episodes)]).sum())
     about |= {"episodes": episodes, "replaced": replaced}
     write_arrays(path, merged, about)

@@ -115,8 +115,7 @@ def _background(size: int) -> Tensor:
     lines = [abs(value - end) for value in (x, y) for end in (low, high)]
     to_line = functools.reduce(torch.minimum, lines)
     outside = functools.reduce(torch.maximum, (low - x, x - high, low - y, y - high))
-    walls = torch.maximum(to_line, outside) - task.WALL_RADIUS
-    return paint(image, walls, WALL)
+    return paint(image, torch.maximum(to_line, outside) - task.WALL_RADIUS, WALL)
 
 
 def _to_tee(x: Tensor, y: Tensor, pose: Tensor) -> Tensor:

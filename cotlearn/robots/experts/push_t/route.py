@@ -86,8 +86,7 @@ class Routes:
         legs[0, 1:] = np.where(usable, _legs(agent[None], TURNS)[0], np.inf)
         legs[1:, 1:] = np.where(usable[:, None] & usable, self._between, np.inf)
         reach, before = dijkstra(legs, indices=0, return_predecessors=True)
-        last = np.vstack([_legs(agent[None], self.places), self._last])
-        through = reach[:, None] + last
+        through = reach[:, None] + np.vstack([_legs(agent[None], self.places), self._last])
         return through.min(axis=0), (through, before)
 
     def way(self, place: int, found: Found) -> Array:
