@@ -43,7 +43,8 @@ def warm():
     """
     from cotlearn.homework import isolation
 
-    isolation._PRELOAD += ["cotlearn.cli", "cotlearn.policies.comparison.cells", "mujoco"]
+    commands = ["cotlearn.cli", "cotlearn.policies.comparison.cells", "cotlearn.report", "mujoco"]
+    isolation._PRELOAD += ["tests.quick", *commands, "nbformat", "pytest"]
     return isolation._context()
 
 

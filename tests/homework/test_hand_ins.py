@@ -210,6 +210,7 @@ def test_a_harmful_answer_costs_its_own_points(grade, tmp_path, monkeypatch):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="open folders cannot be deleted")
 def test_an_answer_that_deletes_the_folders_of_others(grade, tmp_path, monkeypatch, capfd):
+    isolation.start_server()  # whose own folder is elsewhere
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     (tmp_path / "temporary").mkdir()
     delete = f"""import os, shutil, time

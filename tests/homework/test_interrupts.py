@@ -85,6 +85,7 @@ def command(words, folder, environment):
     said = os.open("said", os.O_CREAT | os.O_WRONLY)
     os.dup2(said, 1)
     os.dup2(said, 2)
+    sys.path.insert(0, "")  # as `python -m` does
     sys.argv = ["cotlearn", *words]
     main()
 
@@ -97,7 +98,8 @@ def running(warm, tmp_path, environment):
     def start(words):
         processes.append(warm.Process(target=command, args=(words, tmp_path, environment)))
         processes[-1].start()
-        until((tmp_path / "begun").exists)
+        until(lambda: (tmp_path / "begun").exists() or not processes[-1].is_alive())
+        assert (tmp_path / "begun").exists(), (tmp_path / "said").read_text()
         return processes[-1]
 
     yield start
