@@ -44,7 +44,8 @@ def warm():
     from cotlearn.homework import isolation
 
     commands = ["cotlearn.cli", "cotlearn.policies.comparison.cells", "cotlearn.report", "mujoco"]
-    isolation._PRELOAD += ["tests.quick", *commands, "nbformat", "pytest"]
+    others = ["nbformat", "pytest", "torch._dynamo"]  # the first optimizer imports the last
+    isolation._PRELOAD += ["tests.quick", *commands, *others]
     return isolation._context()
 
 
