@@ -35,6 +35,20 @@ def pytest_terminal_summary(terminalreporter):
         terminalreporter.section(f"FAILED before: {os.environ['COTLEARN_FAILED']}", red=True)
 
 
+@pytest.fixture(scope="session")
+def warm():
+    """The server of answers, which for tests has imported what commands need, too.
+
+    From it, processes are forked that have nothing left to import. Each worker has one.
+    """
+    from cotlearn.homework import isolation
+
+    commands = ["cotlearn.cli", "cotlearn.policies.comparison.cells", "cotlearn.report", "mujoco"]
+    others = ["nbformat", "pytest", "torch._dynamo"]  # the first optimizer imports the last
+    isolation._PRELOAD += ["tests.quick", *commands, *others]
+    return isolation._context()
+
+
 @pytest.fixture
 def two_candidates(monkeypatch):
     """`recommend` compares two couplings only, where it is not its choice that is tested."""

@@ -32,6 +32,7 @@ from cotlearn.validation import check_positive
 START = 300.0  #: seconds that a process may take to begin, on a very busy machine
 _MESSAGE_BYTES = 1_000_000
 _MESSAGE_SECONDS = 10.0  #: until the rest of a message must have come
+_PRELOAD = ["cotlearn.homework.preload"]  #: imported by the server, once for all answers
 _SERVER_GONE = 255  #: multiprocessing's exit code of processes whose server has ended
 #: Set it to end all `run` of this program within half a second.
 stopping = threading.Event()
@@ -233,7 +234,7 @@ def _context() -> BaseContext:
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["cotlearn.homework.preload"])
+    context.set_forkserver_preload(_PRELOAD)
     before = dict(os.environ)
     answering.clear_environment()  # /proc shows what a process was started with
     try:

@@ -4,11 +4,11 @@
 """
 
 import contextlib
-import multiprocessing
 import os
 import signal
 import sys
 import time
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -31,28 +31,30 @@ def soon():
 
 
 def command(words, folder):
-    """`cotlearn` in a process of its own, with a checkpoint every 100 steps, and few rollouts."""
+    """`cotlearn` in a process of its own, with checkpoints, few candidates and few rollouts."""
     from cotlearn.cli import app
+    from cotlearn.diagnostics import recommendation
     from cotlearn.flows import training
     from cotlearn.policies.comparison import scores
 
+    candidates = recommendation.candidates
+    recommendation.candidates = lambda x1, c: dict(islice(candidates(x1, c).items(), 2))
     training.fit.__kwdefaults__["checkpoint_every"] = 100
     scores.MODE_STARTS = scores.MODE_DRAWS = 2
     os.environ["COTLEARN_PROGRESS"] = "0"
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a `make test &` ignores Ctrl-C
     os.chdir(folder)
     with open("said.txt", "w") as said, contextlib.redirect_stdout(said):
         os.dup2(said.fileno(), 1)
         app([str(word) for word in words])
 
 
-@pytest.fixture(scope="module")
-def start():
+@pytest.fixture
+def start(warm):
     """Starts a command in a process that has imported everything already."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["cotlearn.cli", "cotlearn.policies.comparison.cells", "mujoco"])
 
     def started(words, folder):
-        process = context.Process(target=command, args=(words, folder))
+        process = warm.Process(target=command, args=(words, folder))
         process.start()
         return process
 

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from test_snippets import DOCS, blocks_of
+from test_snippets import DOCS, blocks_of, torchrun  # noqa: F401, a fixture
 
 pytestmark = pytest.mark.slow
 PAGE = DOCS / "how_to" / "train_on_several_gpus.md"
@@ -29,21 +29,22 @@ assert torch.equal(pairs.x0, x0[pairs.source_index])
 """
 
 
-def losses(ranks, script):
+def losses_of_two(script):
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node"]
-    done = subprocess.run(
-        [*command, str(ranks), str(script)], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([*command, "2", str(script)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return ast.literal_eval(done.stdout)
 
 
-def test_two_ranks_train_as_one_does(tmp_path):
+@pytest.mark.usefixtures("torchrun")
+def test_two_ranks_train_as_one_does(tmp_path, capsys):
     code = "".join(code for _, code in blocks_of(PAGE)[:5])
     assert "destroy_process_group" in code
+    code = code.replace("\nif rank == 0:", f"{CHECKS}\nif rank == 0:")
     script = tmp_path / "train.py"
-    script.write_text(code.replace("\nif rank == 0:", f"{CHECKS}\nif rank == 0:"))
-    one, two = losses(1, script), losses(2, script)
+    script.write_text(code)
+    exec(compile(code, "train.py", "exec"), {"__name__": "__main__"})  # one rank
+    one, two = ast.literal_eval(capsys.readouterr().out), losses_of_two(script)
     assert two["joint"] == pytest.approx(one["joint"], rel=1e-4)
     assert two["local"] != pytest.approx(one["local"], rel=1e-4)
     assert one["joint"][-1] < one["joint"][0]

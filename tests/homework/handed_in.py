@@ -2,6 +2,9 @@
 
 import nbformat
 
+from cotlearn.execution import read
+from cotlearn.homework import assignments
+
 SETUP = "import torch\nfrom cotlearn.homework import check"
 
 PAIR = """def flow_matching_loss(network, x0, x1, t):
@@ -48,3 +51,16 @@ def write(path, notebook) -> None:
     """Stores a notebook."""
     path.parent.mkdir(parents=True, exist_ok=True)
     nbformat.write(notebook, path)
+
+
+def masters(folder):
+    """A folder with a homework 1 that has one question, euler: an answer is one process."""
+    kept, notebook = [], read(assignments.find("hw1").path)
+    left_out = False
+    for cell in notebook.cells:
+        if cell.source.startswith("# BEGIN QUESTION"):
+            left_out = "name: euler\n" not in cell.source
+        kept += [] if left_out else [cell]
+    notebook.cells = kept
+    write(folder / "hw1.ipynb", notebook)
+    return folder

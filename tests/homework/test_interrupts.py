@@ -11,6 +11,8 @@ import handed_in
 import pytest
 from handed_in import EULER
 
+from cotlearn.__main__ import main
+
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
@@ -18,7 +20,8 @@ pytestmark = [
 CODES = {130, -signal.SIGINT}  # the same for a shell
 START = 120  # seconds, on a very busy machine
 # Before this file is there, Ctrl-C meets Python's own start and not the command.
-BEGIN = """import runpy
+BEGIN = """import runpy, signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a `make test &` ignores Ctrl-C
 open("up", "w").close()
 runpy.run_module("cotlearn", run_name="__main__", alter_sys=True)"""
 
@@ -49,24 +52,20 @@ def until(condition):
 
 
 @pytest.fixture
-def started(tmp_path):
-    """Starts a command; answers leave files in `tmp_path` when they have begun."""
+def environment(tmp_path):
+    return {**os.environ, "TMPDIR": str(tmp_path), "COTLEARN_GRADING_KEY": "of tests"}
+
+
+@pytest.fixture
+def started(tmp_path, environment):
+    """Starts a command from the beginning, with Python and all that it imports."""
     processes = []
 
-    def start(*words):
-        environment = {**os.environ, "TMPDIR": str(tmp_path), "COTLEARN_GRADING_KEY": "of tests"}
-        command = [sys.executable, "-c", BEGIN, *map(str, words)]
+    def start(words):
+        command = [sys.executable, "-c", BEGIN, *words]
         with (tmp_path / "said").open("w") as said:
-            processes.append(
-                subprocess.Popen(
-                    command,
-                    env=environment,
-                    cwd=tmp_path,
-                    start_new_session=True,
-                    stdout=said,
-                    stderr=said,
-                )
-            )
+            options = {"stdout": said, "stderr": said, "start_new_session": True}
+            processes.append(subprocess.Popen(command, env=environment, cwd=tmp_path, **options))
         until((tmp_path / "up").exists)
         return processes[-1]
 
@@ -74,6 +73,39 @@ def started(tmp_path):
     for process in processes:
         process.kill()
         process.wait()
+
+
+def command(words, folder, environment):
+    """`cotlearn` in a process that has imported everything; answers say when they have begun."""
+    os.setsid()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a `make test &` ignores Ctrl-C
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    said = os.open("said", os.O_CREAT | os.O_WRONLY)
+    os.dup2(said, 1)
+    os.dup2(said, 2)
+    sys.path.insert(0, "")  # as `python -m` does
+    sys.argv = ["cotlearn", *words]
+    main()
+
+
+@pytest.fixture
+def running(warm, tmp_path, environment):
+    """Starts a command that has imported everything, and waits until it is in an answer."""
+    processes = []
+
+    def start(words):
+        processes.append(warm.Process(target=command, args=(words, tmp_path, environment)))
+        processes[-1].start()
+        until(lambda: (tmp_path / "begun").exists() or not processes[-1].is_alive())
+        assert (tmp_path / "begun").exists(), (tmp_path / "said").read_text()
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.join()
 
 
 def sleeper(tmp_path):
@@ -88,19 +120,18 @@ def sleeper(tmp_path):
 
 @pytest.mark.parametrize("command", ["grade", "check"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_an_end_in_an_answer(tmp_path, started, command, number):
+def test_an_end_in_an_answer(tmp_path, running, command, number):
     path = sleeper(tmp_path)
-    process = started(command, path.parent if command == "grade" else path)
-    until((tmp_path / "begun").exists)
+    process = running([command, str(path.parent if command == "grade" else path)])
     time.sleep(0.5)
     assert len(alive(str(tmp_path))) >= 3  # the command, the answer and its daemon
     begun = time.monotonic()
     os.kill(process.pid, number)
-    process.wait(60)
+    process.join(60)
     text = (tmp_path / "said").read_text()
     if number == signal.SIGINT:
         assert time.monotonic() - begun < soon()
-        assert process.returncode in CODES, text
+        assert process.exitcode in CODES, text
         assert "Traceback" not in text
     until(lambda: not alive(str(tmp_path)))
     assert time.monotonic() - begun < 3 * soon()
@@ -109,31 +140,40 @@ def test_an_end_in_an_answer(tmp_path, started, command, number):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 @pytest.mark.parametrize("words", ["run a.ipynb --inplace", "homework"])
-def test_an_end_of_what_has_children(tmp_path, started, words, number):
+def test_an_end_of_what_has_children(tmp_path, running, words, number):
     """A kernel that waits, and otter that waits; what was there before stays as it is."""
     wait = f"open({str(tmp_path / 'begun')!r}, 'w').close()\nimport time\ntime.sleep(600)"
     handed_in.write(tmp_path / "a.ipynb", handed_in.homework({}, extra=(wait,)))
     before = (tmp_path / "a.ipynb").read_bytes()
     (tmp_path / "otter").mkdir()
-    (tmp_path / "otter" / "__main__.py").write_text(wait.replace("600", "20"))
-    process = started(*words.split())
-    until((tmp_path / "begun").exists)
+    enough = f"pathlib.Path({str(tmp_path / 'enough')!r})"
+    slowly = f"import pathlib\nwhile not {enough}.exists():\n    time.sleep(0.05)"
+    (tmp_path / "otter" / "__main__.py").write_text(wait.replace("time.sleep(600)", slowly))
+    process = running(words.split())
     begun = time.monotonic()
     os.kill(process.pid, number)
-    process.wait(60)
+    process.join(60)
     assert time.monotonic() - begun < soon()
     text = (tmp_path / "said").read_text()
-    assert process.returncode in (CODES if number == signal.SIGINT else {-number}), text
+    assert process.exitcode in (CODES if number == signal.SIGINT else {-number}), text
     assert "Traceback" not in text
     assert (tmp_path / "a.ipynb").read_bytes() == before
+    if number == signal.SIGKILL:
+        (tmp_path / "enough").touch()  # nothing ends otter then but its own last line
     until(lambda: not alive(str(tmp_path)))
 
 
-@pytest.mark.parametrize("words", ["grade in", "check in/hw1.ipynb", "progress", "run 01"])
-@pytest.mark.parametrize("seconds", [0.7, 2, 4])
+@pytest.mark.parametrize(
+    ("words", "seconds"),
+    [
+        *(("grade in", 1), ("grade in", 3.5), ("check in/hw1.ipynb", 2), ("run 01", 2.5)),
+        *(("check in/hw1.ipynb", 4.5), ("progress", 0.5), ("progress", 1.2), ("run 01", 0.7)),
+    ],
+)
 def test_an_end_at_any_moment(tmp_path, started, words, seconds):
+    """While it loads the command, torch, or the server of answers, and in the first answer."""
     sleeper(tmp_path)
-    process = started(*words.split())
+    process = started(words.split())
     time.sleep(seconds)
     if process.poll() is not None:
         pytest.skip("it was over")
