@@ -27,9 +27,8 @@ import push_t_peer  # of the tests: it makes gym-pusht run beside pymunk 7
 EPISODES = 200
 
 
-def coverage_there(policy: ChunkPolicy, number: int) -> float:
-    """The best coverage of an episode in gym-pusht, whose reward is coverage / 0.95, at most 1."""
-    environment = push_t_peer.make()
+def coverage_there(environment: Any, policy: ChunkPolicy, number: int) -> float:
+    """The best coverage of an episode in gym-pusht."""
     state = random_state(np.random.default_rng(REPORTED + number))
     with push_t_peer.without_counter():
         push_t_peer.start(environment, state)
@@ -68,7 +67,8 @@ def main() -> None:
             if s.nfe == key["nfe"] and not s.name.startswith("midpoint")
         )
         policy = policy.with_sampler(few)
-        there = np.array([coverage_there(policy, number) for number in range(EPISODES)])
+        peer = push_t_peer.make()
+        there = np.array([coverage_there(peer, policy, number) for number in range(EPISODES)])
         here = rollout(policy, seeds=range(REPORTED, REPORTED + EPISODES))["coverage"]
         return {
             "coverage_there": round(float(there.mean()), 4),
