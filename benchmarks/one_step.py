@@ -55,7 +55,7 @@ STEPS, ROWS, TEACHER_NFE, DRAWS = 4000, 8192, 16, 4
 SIZES: dict[str, Any] = {"width": 128, "depth": 3}
 BATCH = {"batch_size": 256, "ot_batch_size": 256}
 SEEDS, EVALUATIONS = range(5), (1, 2, 4)
-NEIGHBOURS, CLUSTERS, ROUNDS = 16, 8, 2
+NEIGHBOURS, CLUSTERS, ROUNDS = 128, 8, 2  # as many neighbours as rows in a stratum
 SOURCE = 0.6  #: deviation of COT-FM's noise; its data are divided by it, ours is standard normal
 
 

@@ -9,7 +9,7 @@ from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Velocity
 from cotlearn.validation import check_count
 
-TEMPERATURES = (0.02, 0.05, 0.2)  #: of the softmax, in units of the mean distance to the data
+TEMPERATURES = (0.02, 0.05, 0.2)  #: of the softmax, in units of the mean distance of data rows
 
 
 @dataclass(frozen=True)
@@ -53,12 +53,11 @@ def drift(y: Tensor, data: Tensor, same: Tensor, temperature: float) -> Tensor:
         y: G samples of each of B conditions.
         data: of all conditions.
         same: (B, N), whether a row of the data is of the condition.
-        temperature: of the softmax, in units of the mean distance of samples and their data.
+        temperature: of the softmax, in units of the mean distance of two rows of the data.
     """
-    distance = torch.cdist(y, data.expand(len(y), -1, -1))
-    theirs = same[:, None].expand_as(distance)
-    scale = temperature * distance[theirs].mean().clamp(min=1e-12)
-    to_data = (-distance / scale).masked_fill(~theirs, -torch.inf)
+    scale = temperature * torch.cdist(data, data).mean().clamp(min=1e-12)
+    to_data = -torch.cdist(y, data.expand(len(y), -1, -1)) / scale
+    to_data = to_data.masked_fill(~same[:, None], -torch.inf)
     own = torch.eye(y.shape[1], dtype=torch.bool, device=y.device)
     to_others = (-torch.cdist(y, y) / scale).masked_fill(own, -torch.inf)
     share = torch.cat([to_data, to_others], dim=2).softmax(dim=2)

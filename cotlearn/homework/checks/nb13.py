@@ -1,0 +1,53 @@
+"""The checks of notebook 13."""
+
+import math
+
+import torch
+
+from cotlearn.homework.checks.common import Case, Cases, table
+
+
+@table("13.mean_velocity", seed=13)
+def mean_velocity(g: torch.Generator) -> Cases:
+    """The mean velocity of dx/dt = a x from t to r, x (exp(a (r - t)) - 1) / (r - t)."""
+    x, a, t, r = torch.randn(6, 2, generator=g), -2.0, 0.25, 0.75
+    grown = math.expm1(a * (r - t))
+    wrong = {
+        "that is the velocity at t, but it changes on the way": a * x,
+        "that is the way from t to r: divide it by the time r - t": grown * x,
+        "that is the place at r: subtract x, then divide by r - t": (grown + 1) * x,
+        "the clock starts at t: the growth is exp(a (r - t))": math.expm1(a * r) / (r - t) * x,
+        "the mean of both ends is not the mean over the time": a * (grown + 2) / 2 * x,
+    }
+    yield Case((x, t, r, a), grown / (r - t) * x, wrong, what="the mean velocity")
+
+
+@table("13.halves", seed=13)
+def halves(g: torch.Generator) -> Cases:
+    """The mean velocity from t to r, from those of t to s and of s to r."""
+    first, second = torch.randn(2, 6, 2, generator=g)
+    t, s, r = 0.2, 0.4, 1.0
+    way, swapped = (s - t) * first + (r - s) * second, (r - s) * first + (s - t) * second
+    wrong = {
+        "the pieces are not equally long: weight each by its time": (first + second) / 2,
+        "that is the whole way: divide it by the whole time r - t": way,
+        "the first piece lasts s - t, the second r - s": swapped / (r - t),
+    }
+    yield Case((first, second, t, s, r), way / (r - t), wrong, what="the mean velocity")
+
+
+@table("13.reading")
+def reading() -> Cases:
+    """The way with the fewest seconds within twice the floor, of those with the given noise."""
+    listed = ("A", 2.0, 1.1, False), ("B", 9.0, 1.8, True), ("C", 20.0, 1.0, True)
+    keys = "way", "seconds", "score", "given_noise"
+    rows = [dict(zip(keys, row, strict=True)) for row in (*listed, ("D", 1.0, 6.0, True))]
+    for floor, right in ((1.0, "B"), (0.9, "B"), (0.6, "C"), (0.4, "none")):
+        wrong = {
+            "that way starts from other noise than the given": "A",
+            "its score is more than twice the floor": "D",
+            "not the best score, but the fewest seconds among the good ones": "C",
+            "at most twice the floor is asked for: 'B' has more": "B",
+        }
+        wrong = {hint: way for hint, way in wrong.items() if way != right}
+        yield Case((rows, floor), right, wrong)

@@ -1,0 +1,48 @@
+"""Wrong answers to the exercises of notebook 13, words of their hints, right ones."""
+
+import torch
+
+
+def mean_velocity(x, t, r, a):
+    return x * ((torch.tensor(a) * (r - t)).exp() - 1) / (r - t)
+
+
+def halves(first, second, t, s, r):
+    return ((s - t) * first + (r - s) * second) / (r - t)
+
+
+def reading(rows, floor, *, given=True, most=2.0, key="seconds"):
+    good = [row for row in rows if row["score"] <= most * floor]
+    good = [row for row in good if row["given_noise"] or not given]
+    return min(good, key=lambda row: row[key], default={"way": "none"})["way"]
+
+
+MISTAKES = [
+    ("13.mean_velocity", lambda x, t, r, a: a * x, "the velocity at t"),
+    ("13.mean_velocity", lambda x, t, r, a: (r - t) * mean_velocity(x, t, r, a), "divide it by"),
+    ("13.mean_velocity", lambda x, t, r, a: x * 2.718281828 ** (a * (r - t)), "subtract x"),
+    ("13.mean_velocity", lambda x, t, r, a: r * mean_velocity(x, 0, r, a) / (r - t), "starts at t"),
+    (
+        "13.mean_velocity",
+        lambda x, t, r, a: a * (x + x * 2.718281828 ** (a * (r - t))) / 2,
+        "mean of both ends",
+    ),
+    ("13.mean_velocity", lambda x, t, r, a: x.mean(), "shape"),
+    ("13.mean_velocity", 2.0, "expected a function"),
+    ("13.halves", lambda a, b, t, s, r: (a + b) / 2, "not equally long"),
+    ("13.halves", lambda a, b, t, s, r: (s - t) * a + (r - s) * b, "the whole time"),
+    ("13.halves", lambda a, b, t, s, r: halves(b, a, t, s, r), "the second r - s"),
+    ("13.halves", lambda a, b, t, s, r: a + b, "expected"),
+    ("13.reading", lambda rows, floor: reading(rows, floor, given=False), "other noise"),
+    ("13.reading", lambda rows, floor: reading(rows, floor, most=100), "more than twice"),
+    ("13.reading", lambda rows, floor: reading(rows, floor, key="score"), "fewest seconds"),
+    ("13.reading", lambda rows, floor: reading(rows, 1.0), "'B' has more"),
+    ("13.reading", lambda rows, floor: reading(rows, floor - 1e-9), "fewest seconds"),
+    ("13.reading", lambda rows, floor: "none", "expected 'B'"),
+]
+
+RIGHT = [
+    ("13.mean_velocity", mean_velocity),
+    ("13.halves", halves),
+    ("13.reading", reading),
+]
