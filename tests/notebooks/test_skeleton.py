@@ -87,7 +87,7 @@ def test_closing(cells):
         assert "claim(" in cells[i].source, f"cell {i} is tagged 'claim' and claims nothing"
 
 
-LESSONS = ("08", "10", "11", "13")  #: with a table that is made before
+LESSONS = ("08", "10", "11", "13", "14")  #: with a table that is made before
 
 
 def folded(cell):
