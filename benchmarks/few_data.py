@@ -41,7 +41,7 @@ from cotlearn.diagnostics import linear_skew, prior_skew
 from cotlearn.flows.diffusion import predict, regression_loss
 from cotlearn.flows.solvers import integrate
 from cotlearn.metrics import energy_score
-from cotlearn.policies.comparison.scores import SCORED_SAMPLES, SCORED_STATES
+from cotlearn.policies.comparison.scores import held_out_draws
 from cotlearn.policies.methods import METHODS
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.settings import SETTINGS
@@ -241,14 +241,10 @@ ROWS: dict[str, tuple[str, Callable[..., None] | None, dict[str, Any]]] = {
 
 def in_pixels(policy: ChunkPolicy, unseen: Dataset) -> float:
     """The energy score of unseen chunks: frames turn and shift them, which leaves it as it is."""
-    assert unseen.c is not None
-    rng = generator_for(0, 0, purpose=17)
-    rows = torch.randperm(len(unseen), generator=rng)[:SCORED_STATES]
-    c, truth = unseen.c[rows], unseen.x1[rows]
-    draws = [policy.draw(policy.noise(len(rows), rng), c) for _ in range(SCORED_SAMPLES)]
+    draws, truth = held_out_draws(policy, unseen)
     low, high = policy.windows.action_range
     scale = torch.from_numpy((high - low) / 2).float().repeat(policy.windows.points)
-    return energy_score(torch.stack(draws) * scale, truth * scale)
+    return energy_score(draws * scale, truth * scale)
 
 
 def watched(run: Run, *, prepare: Callable[[Run], None], kept: dict[str, Any]) -> None:

@@ -58,12 +58,17 @@ def choose_temperature(
 
 def held_out_score(policy: ChunkPolicy, held: Dataset) -> float:
     """The energy score of chunks at held-out states, in the units that the network works in."""
+    return energy_score(*held_out_draws(policy, held))
+
+
+def held_out_draws(policy: ChunkPolicy, held: Dataset) -> tuple[torch.Tensor, torch.Tensor]:
+    """Chunks (SCORED_SAMPLES, B, d) at B held-out states, and the true ones (B, d)."""
     assert held.c is not None
     rng = generator_for(0, 0, purpose=17)
     rows = torch.randperm(len(held), generator=rng)[:SCORED_STATES]
-    c, truth = held.c[rows], held.x1[rows]
+    c = held.c[rows]
     draws = [policy.draw(policy.noise(len(rows), rng), c) for _ in range(SCORED_SAMPLES)]
-    return energy_score(torch.stack(draws), truth)
+    return torch.stack(draws), held.x1[rows]
 
 
 def mode_draws(policy: ChunkPolicy) -> NDArray[np.int64]:
