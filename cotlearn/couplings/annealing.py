@@ -1,11 +1,12 @@
 """Nearly optimal dual potentials of an assignment, by a few Sinkhorn steps in single precision.
 
 Numba compiles these loops when they are first called, as in `augmenting.py`, which makes the
-assignment exact. `survey` stays in NumPy, which is as fast there: Numba takes many seconds to
-compile partitions and standard deviations.
+assignment exact. Partitions and standard deviations stay in NumPy, which is as fast there: Numba
+takes many seconds to compile them.
 """
 
 import math
+from statistics import median
 
 import numpy as np
 from numba import njit
@@ -37,12 +38,34 @@ def survey(cost: Array) -> tuple[Array, float, float, int]:
         minimum; the number of columns that are the cheapest of some row in cost_ij - least_j.
     """
     n = len(cost)
-    least = cost.min(axis=0)
+    least, taken = _cheapest(cost)
     some, few = (cost[:: max(1, n // rows)] for rows in (32, 8))
-    taken = np.unique((cost - least).argmin(axis=1))
-    tenths = np.partition(few, n // 10, axis=1)[:, n // 10] - few.min(axis=1)
+    few = np.partition(few, (0, n // 10), axis=1)
+    tenths = few[:, n // 10] - few[:, 0]
     spread = max(float(some.std()), float(some.mean() - least.min()) / FAR)
-    return least, spread, float(np.median(tenths)), len(taken)
+    return least, spread, median(tenths.tolist()), taken
+
+
+@njit(cache=True, nogil=True)
+def _cheapest(cost: Array) -> tuple[Array, int]:
+    """The first and the last result of `survey`, without a second matrix of this size.
+
+    Two large matrices, made and freed for each batch, would cost more than these loops: the
+    allocator gives their memory back to the system each time.
+    """
+    n = len(cost)
+    least = cost[0].copy()
+    for i in range(1, n):
+        for j in range(n):
+            least[j] = min(least[j], cost[i, j])
+    taken = np.zeros(n, np.bool_)
+    for i in range(n):
+        best = 0
+        for j in range(n):
+            if cost[i, j] - least[j] < cost[i, best] - least[best]:
+                best = j
+        taken[best] = True
+    return least, int(taken.sum())
 
 
 @njit(cache=True, nogil=True, fastmath=True)

@@ -3,7 +3,6 @@
 import csv
 import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -105,21 +104,20 @@ def test_an_empty_folder(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no kill -9")
-def test_a_run_that_is_killed_goes_on(tmp_path):
+def test_a_run_that_is_killed_goes_on(begun, tmp_path):
     work, out = tmp_path / "work", tmp_path / "grades.csv"
-    sleepy = f"{PAIR}\nimport time\ntime.sleep(30)"
+    sleepy = f"{PAIR}\nwhile True: pass"
     for name, change in (("a", {}), ("b", {}), ("c", {"loss": sleepy})):
         handed_in.write(work / f"{name}.ipynb", handed_in.homework(handed_in.answers(**change)))
-    command = [sys.executable, "-m", "cotlearn", "grade", str(work), "--out", str(out)]
-    command += ["--workers", "1", "--seconds", "1", "--gigabytes", "1"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
+    words = ["grade", str(work), "--out", str(out), "--workers", "1", "--seconds", "1"]
+    process = begun([*words, "--gigabytes", "1"], dict(os.environ))
     deadline = time.monotonic() + 600  # on a very busy machine
     known = tmp_path / "grades" / ".known"
     while len(list(known.glob("*.json"))) < 2:
         assert time.monotonic() < deadline, "nothing was graded"
         time.sleep(0.05)
     os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    process.join()
     assert not out.exists()
     kept = {path: path.read_text() for path in known.glob("*.json")}
 

@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import socket
-import subprocess
 import sys
 import tempfile
 import threading
@@ -198,11 +197,11 @@ for number in (parent(keeper), keeper):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_a_harmful_answer_costs_its_own_points(grade, tmp_path, monkeypatch):
-    monkeypatch.setattr(isolation, "_MESSAGE_SECONDS", 2.0)
+    monkeypatch.setattr(isolation, "_MESSAGE_SECONDS", 0.5)
     for name, code in HARMFUL.items():
         handed_in.write(tmp_path / "in" / f"{name}.ipynb", only(f"{code}\n{EULER}"))
         handed_in.write(tmp_path / "in" / f"{name}, honest.ipynb", only(EULER))
-    rows = grade(tmp_path / "in", workers=2)
+    rows = grade(tmp_path / "in", limits=Limits(seconds=1, gigabytes=1), workers=2)
     assert len(rows) == 2 * len(HARMFUL)
     assert all(points(row) == POINTS for name, row in rows.items() if "honest" in name)
     assert all(row.marked.marks for row in rows.values())
@@ -220,7 +219,7 @@ assert place == {str(tmp_path / "temporary")!r}
 for _ in range(30):
     for name in set(os.listdir(place)) - {{os.path.basename(own)}}:
         shutil.rmtree(os.path.join(place, name), ignore_errors=True)
-    time.sleep(0.1)
+    time.sleep(0.05)
 """
     keep = (
         "torch.save(1, 'one')\n    import time\n    time.sleep(0.5)\n    x = x0 * torch.load('one')"
@@ -272,27 +271,16 @@ def test_masters_that_are_none(grade, tmp_path):
     assert not (tmp_path / "grades.csv").exists()
 
 
-WITHOUT_ASSERTS = """
-from cotlearn.homework import isolation
-from cotlearn.homework.assignments import HiddenTest, Question
-from cotlearn.homework.submissions import Cell
-source = "def interpolate(x0, x1, t):\\n    return x0, x1"
-test = HiddenTest("def test(interpolate):\\n    assert False", 1, "wrong")
-question = Question("01.interpolate", "interpolate", (test,))
-job = isolation.Job(question, "", [Cell(1, source)], 1)
-if __name__ == "__main__":
-    print(isolation.run(job, isolation.Limits(5))[0][1:])
-"""
+def test_asserts_of_hidden_tests_stay(monkeypatch):
+    """As in `python -O`, where `compile` drops asserts unless it is told not to."""
 
+    def optimised(source, name, mode, optimize=-1):
+        return compile(source, name, mode, optimize=2 if optimize == -1 else optimize)
 
-def test_asserts_of_hidden_tests_stay(tmp_path):
-    script = tmp_path / "script.py"
-    script.write_text(WITHOUT_ASSERTS)
-    environment = {**os.environ, "PYTHONOPTIMIZE": "1"}
-    done = subprocess.run(
-        [sys.executable, script], env=environment, capture_output=True, text=True, check=True
-    )
-    assert done.stdout == "['wrong']\n"
+    monkeypatch.setattr(answering, "compile", optimised, raising=False)
+    source = "def test(interpolate):\n    assert False"
+    exec(optimised(f"{source}\ntest(1)", "a cell", "exec"), {})
+    assert answering._complaint(source, "wrong", {}) == "wrong"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
