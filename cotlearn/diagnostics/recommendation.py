@@ -120,7 +120,9 @@ def _choose(found: Frontier, spread: BetweenWithin) -> tuple[FrontierPoint, str]
             "Use independent pairs: no coupling without significant skew is better by more than "
             f"chance and 1 % (the best, {best.name}, by {gain:.3g}, standard error {error:.2g}). "
             "Conditions have too few neighbours, the data too little spread within a condition, "
-            "or the rows are too few to tell. More data or a coarser condition may change this."
+            "or the rows are too few to tell. More data or a coarser condition may change this. "
+            "What helps one evaluation without near conditions: to train a second flow on pairs of "
+            "the first (reflow), or a shortcut model."
         )
     reason = facts + (
         f"Use {best.name}: the same network scores {best.one_step_score:.3g}, better by "
