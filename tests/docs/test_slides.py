@@ -11,6 +11,8 @@ sys.path.insert(0, str(ROOT / "docs"))
 
 import slides  # noqa: E402
 
+from cotlearn.assets import find_notebook  # noqa: E402
+
 NOTEBOOK = ROOT / "notebooks" / "00_start_here.ipynb"
 
 
@@ -44,6 +46,27 @@ def test_figures_have_slides_of_their_own(marked):
     pictures = [k for c, k in zip(marked.cells, kinds(marked), strict=True) if "alt" in c.metadata]
     assert pictures
     assert set(pictures) == {"subslide"}
+
+
+@pytest.mark.parametrize("name", ["03", "08"])
+def test_slides_fit_the_screen(name):
+    """By the estimate; only what cannot be divided may be higher."""
+    notebook = nbformat.read(find_notebook(name), as_version=4)
+    cells = slides.as_slides(notebook).cells
+    heights = [[]]
+    for cell in cells:
+        kind = cell.metadata["slideshow"]["slide_type"]
+        if kind != "-":
+            heights.append([])
+        heights[-1] += [slides.height_of(cell)] * (kind != "skip")
+    assert all(len(slide) < 2 or sum(slide) <= slides.SCREEN for slide in heights)
+    assert sum(len(slide) == 1 and slide[0] > 1.2 * slides.SCREEN for slide in heights) <= 1
+    assert "from cotlearn import" not in "".join(c.source for c in cells), "that is folded"
+    said, shown = (
+        "".join(o.text for c in some for o in c.get("outputs", []) if "text" in o)
+        for some in (notebook.cells, cells)
+    )
+    assert said == shown
 
 
 def test_the_page_has_the_texts_of_the_figures(tmp_path, monkeypatch):
