@@ -10,11 +10,11 @@ without finding and pairing all.
 
     python benchmarks/policy_weights.py push-t --seed 1
     python benchmarks/policy_weights.py arm-ring independent minibatch_ot conditional_ot residual
+    python benchmarks/policy_weights.py arm-avoid diffusion_residual --build build/arm_avoid_data
     python -m cotlearn.assets
 """
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,22 +36,21 @@ SHOWN = 512  #: strata whose rows are listed
 BUILD = Path(__file__).resolve().parents[1] / "build"
 
 
-def main(setting: str, methods: list[str], seed: int) -> None:
+def main(setting: str, methods: list[str], seed: int, build: Path) -> None:
     """Writes the files of a setting and compares them with what they were made from."""
     torch.set_num_threads(1)
     name = setting.replace("-", "_")
     if setting == "push-t":
-        ship_strata(setting, BUILD / name / f"residual-{seed}.safetensors")
+        ship_strata(setting, build / f"residual-{seed}.safetensors")
     for method in methods:
-        trained = BUILD / name / f"{method}-{seed}.safetensors"
+        trained = build / f"{method}-{seed}.safetensors"
         policy = ChunkPolicy.load(trained)
         shipped = data_folder() / "weights" / f"{name}_{method}.safetensors"
         policy.about = {"coupling": method, "seed": seed, "protocol": policy.about["protocol"]}
         policy.save(shipped, half=True)
         rounded = ChunkPolicy.load(shipped)
         print(f"{shipped.name}: {shipped.stat().st_size / 1e6:.2f} MB")
-        for nfe in (1, 2):
-            sampler = replace(policy.sampler, nfe=nfe)
+        for sampler in (s for s in policy.sampler.variants if s.nfe in (1, 2)):
             compare(policy.with_sampler(sampler), rounded.with_sampler(sampler))
 
 
@@ -97,5 +96,7 @@ if __name__ == "__main__":
     parser.add_argument("setting", choices=SETTINGS)
     parser.add_argument("methods", nargs="*", default=METHODS)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--build", type=Path, help="of the policies; default: that of the setting")
     asked = parser.parse_args()
-    main(asked.setting, list(asked.methods), asked.seed)
+    default = BUILD / asked.setting.replace("-", "_")
+    main(asked.setting, list(asked.methods), asked.seed, asked.build or default)
