@@ -19,57 +19,50 @@ import torch
 from array_cases import CASES, WITHOUT, public, that_take_arrays
 
 
+def broken(array: Any, place: int, value: float) -> Any:
+    """An array with another number at a place."""
+    if array.dtype.kind == "f" and array.size:
+        array = array.copy()
+        array.flat[place % array.size] = value
+    return array
+
+
+#: Of an array and an axis.
+PLACED = {
+    "shorter": lambda a, axis: np.delete(a, 0, axis=axis) if a.ndim else a,
+    "longer": lambda a, axis: np.concatenate([a, a], axis=axis) if a.ndim else a[None],
+    "empty": lambda a, axis: a.take([], axis=axis) if a.ndim else a[None][:0],
+    "one": lambda a, axis: a.take([0], axis=axis) if a.ndim else a,
+    "deeper": np.expand_dims,
+    "strided": lambda a, axis: np.repeat(a, 2, axis)[np.s_[:,] * axis + np.s_[::2,]],
+}
+TYPES = {"double": "f8", "half": "f2", "integers": "i8", "bools": bool, "complex": np.complex64}
+ANYWHERE = {
+    "flat": lambda a: a.reshape(-1),
+    "number": lambda a: a.reshape(-1)[0],
+    "turned": np.asfortranarray,
+    # these stay as they are; -9999 behind a mask must not enter a mean
+    "masked": lambda a: np.ma.masked_array(a, np.arange(a.size).reshape(a.shape) == 0),
+    "dates": lambda a: a.astype(np.int64).astype("datetime64[ns]"),
+    "gradient": lambda a: torch.tensor(a, dtype=torch.float32, requires_grad=True),
+}
+
+
 def spoil(value: Any, kind: str, place: int) -> Any:
     """A wrong or unusual array instead of a right one; `place` is where, if somewhere."""
     tensor = isinstance(value, torch.Tensor)
     array = value.detach().numpy() if tensor else value
-    axis = place % max(array.ndim, 1)
-    if kind == "nan" or kind == "infinite":
-        if array.dtype.kind != "f" or array.size == 0:
-            return value
-        array = array.copy()
-        array.flat[place % array.size] = np.nan if kind == "nan" else (-1) ** place * np.inf
-    elif kind == "shorter":
-        array = np.delete(array, 0, axis=axis) if array.ndim else array
-    elif kind == "longer":
-        array = np.concatenate([array, array], axis=axis) if array.ndim else array[None]
-    elif kind == "empty":
-        array = array.take([], axis=axis) if array.ndim else array[None][:0]
-    elif kind == "one":
-        array = array.take([0], axis=axis) if array.ndim else array
-    elif kind == "flat":
-        array = array.reshape(-1)
-    elif kind == "deeper":
-        array = np.expand_dims(array, axis)
-    elif kind == "number":
-        array = array.reshape(-1)[0]
-    elif kind == "strided":
-        array = np.repeat(array, 2, axis=axis)[(slice(None),) * axis + (slice(None, None, 2),)]
-    elif kind == "turned":
-        array = np.asfortranarray(array)
-    elif kind == "double":
-        array = array.astype(np.float64)
-    elif kind == "half":
-        array = array.astype(np.float16)
-    elif kind == "integers":
-        array = array.astype(np.int64)
-    elif kind == "bools":
-        array = array.astype(bool)
-    elif kind == "complex":
-        array = array.astype(np.complex64)
-    elif kind == "masked":  # -9999 must not enter a mean
-        return np.ma.masked_array(array, np.arange(array.size).reshape(array.shape) == 0)
-    elif kind == "dates":
-        return array.astype(np.int64).astype("datetime64[ns]")
-    elif kind == "gradient":
-        return torch.tensor(array, dtype=torch.float32, requires_grad=True)
-    elif kind == "other":  # an array where a tensor is expected, a tensor where an array
+    if kind == "other":  # an array where a tensor is expected, a tensor where an array
         return np.array(array) if tensor else torch.from_numpy(np.array(array))
-    return torch.as_tensor(array) if tensor else array
+    if kind in ("nan", "infinite"):
+        array = broken(array, place, np.nan if kind == "nan" else (-1) ** place * np.inf)
+    elif kind in PLACED:
+        array = PLACED[kind](array, place % max(array.ndim, 1))
+    else:
+        array = array.astype(TYPES[kind]) if kind in TYPES else ANYWHERE[kind](array)
+    return torch.as_tensor(array) if tensor and kind not in ("masked", "dates") else array
 
 
-PLACED = ("nan", "infinite", "shorter", "longer", "empty", "one", "deeper", "strided")
-ANYWHERE = ("flat", "number", "turned", "double", "half", "integers", "bools", "complex", "other")
 LOSSY = ("complex", "masked", "dates")  # NumPy takes them for real numbers, some with a warning
 #: What an array is called where a function hands it on to another, which looks at it.
 HANDED_ON = ("x", "c", "x0", "state")
@@ -120,9 +113,9 @@ def call(case: Any, arrays: dict[str, Any]) -> Any:
 def test_a_spoilt_array_works_or_is_refused_by_name(name, argument):
     case = CASES[name]
     right = cache(lambda: numbers(call(case, case.arrays)))
-    for kind in (*ANYWHERE, "gradient", *LOSSY):
+    for kind in (*ANYWHERE, *TYPES, "other"):
         look(case, argument, kind, 0, right)
-    for kind in PLACED:
+    for kind in ("nan", "infinite", *PLACED):
         for place in (0, 5):  # first and last axis
             look(case, argument, kind, place, right)
 

@@ -69,21 +69,22 @@ def test_data(course):
         assets.find_data("../secret.txt")
 
 
-def test_one_changed_byte_is_refused_by_name(course):
-    path = course / "data" / "deep" / "table.npz"
+@pytest.mark.parametrize("name", ["deep/table.npz", "demos.npz", "weights/policy.safetensors"])
+def test_one_changed_byte_is_refused_by_name(course, name):
+    path = course / "data" / name
+    path.parent.mkdir(exist_ok=True)
     path.write_bytes(bytes(1000))
     assets.write_sums()
-    assert assets.find_data("deep/table.npz") == path
+    assert assets.find_data(name) == path
     assert doctor.check_data().ok
     path.write_bytes(bytes(999) + b"1")
-    with pytest.raises(ValueError, match=r"data/deep/table\.npz is damaged.*to restore") as raised:
-        assets.find_data("deep/table.npz")
-    assert "git checkout -- data/deep/table.npz" in str(raised.value)
+    said = rf"data/{name} is damaged: its SHA-256.*to restore.*git checkout -- data/{name}"
+    with pytest.raises(ValueError, match=said):
+        assets.find_data(name)
     finding = doctor.check_data()
-    assert not finding.ok
-    assert finding.found == "missing or damaged: deep/table.npz"
+    assert (finding.ok, finding.found) == (False, f"missing or damaged: {name}")
     path.write_bytes(bytes(1000))
-    assert assets.find_data("deep/table.npz") == path
+    assert assets.find_data(name) == path
     path.unlink()
     assert not doctor.check_data().ok
 

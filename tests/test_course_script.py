@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 @pytest.fixture
-def script(tmp_path, monkeypatch):
+def script(tmp_path):
     """course.py, as if it lay in an empty checkout in a folder with a space."""
     spec = importlib.util.spec_from_file_location("course_script", ROOT / "course.py")
     module = importlib.util.module_from_spec(spec)
@@ -24,11 +24,8 @@ def script(tmp_path, monkeypatch):
     root.mkdir()
     (root / "pyproject.toml").write_text("[project]\n")
     (root / "constraints.txt").write_text("numpy==2\n")
-    monkeypatch.setattr(module, "ROOT", root)
-    monkeypatch.setattr(module, "VENV", root / ".venv")
-    monkeypatch.setattr(module, "BUILD", root / "build")
-    monkeypatch.setattr(module, "STAMP", root / ".venv" / "stamp.json")
-    monkeypatch.setattr(module, "UNFINISHED", root / ".venv" / "unfinished")
+    module.ROOT, module.VENV, module.BUILD = root, root / ".venv", root / "build"
+    module.STAMP, module.UNFINISHED = module.VENV / "stamp.json", module.VENV / "unfinished"
     return module
 
 
@@ -228,9 +225,8 @@ def test_the_closing_line_stays_the_last(tmp_path):
     start += "sys.exit(pytest.main())"
     command = [sys.executable, "-c", start, "--nbval-lax", "--nbval-current-env"]
     environment = os.environ | {"COTLEARN_FAILED": "lint"}
-    done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-    )
+    options = {"cwd": tmp_path, "env": environment, "capture_output": True, "text": True}
+    done = subprocess.run(command, **options, check=False)
     lines = done.stdout.splitlines()
     assert done.returncode == 0, done.stdout
     assert " 2 passed in " in lines[-1]

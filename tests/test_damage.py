@@ -1,23 +1,18 @@
 """One damaged byte: every kind of file that is read is refused by name, or gives what it gave.
 
 Weights, checkpoints and demonstrations carry a sum of their contents, so every byte counts. Results
-(JSON) and submissions are texts without a sum: of them only broken text can be seen.
+(JSON) and submissions are texts without a sum: of them only broken text can be seen. Files of the
+course are damaged in tests/test_assets.py, submissions in tests/homework/test_submissions.py.
 """
-
-import json
 
 import numpy as np
 import pytest
 import torch
 
-from cotlearn import assets
-from cotlearn.homework import submissions
 from cotlearn.results import Folder
 from cotlearn.robots.episodes.npz import read_arrays, write_arrays
 from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.storage import load_tensors, save_tensors
-
-ABOUT = {"task": "push-t", "seed": 0, "versions": {}}
 
 
 def weights(path):
@@ -28,9 +23,8 @@ def demonstrations(path):
     rng = np.random.default_rng(0)
     rows = {"state": 5, "action": 2, "intention": 2}
     arrays = {name: rng.integers(0, 9000, (40, n)).astype("int16") for name, n in rows.items()}
-    arrays["episode_ends"] = np.array([15, 40])
-    arrays["seed"] = np.array([3, 4], dtype="uint32")
-    write_arrays(path, arrays, {**ABOUT, "task": PUSH_T.title})
+    arrays |= {"episode_ends": np.array([15, 40]), "seed": np.array([3, 4], dtype="uint32")}
+    write_arrays(path, arrays, {"task": PUSH_T.title, "seed": 0, "versions": {}})
 
 
 def read_demonstrations(path):
@@ -43,11 +37,10 @@ def read_weights(path):
     return [tensors["w"].tolist(), about]
 
 
-@pytest.mark.parametrize(
-    ("write", "read"),
-    [(weights, read_weights), (demonstrations, read_demonstrations)],
-    ids=["weights", "demonstrations"],
-)
+PAIRS = [(weights, read_weights), (demonstrations, read_demonstrations)]
+
+
+@pytest.mark.parametrize(("write", "read"), PAIRS, ids=["weights", "demonstrations"])
 def test_no_byte_can_change_what_is_read(tmp_path, write, read):
     path = tmp_path / "some.file"
     write(path)
@@ -73,26 +66,3 @@ def test_a_broken_cell_of_a_benchmark(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"independent-0\.json is damaged: delete it"):
         Folder(tmp_path, {}).holds("independent-0")
-
-
-@pytest.mark.parametrize("place", [0, -1])
-def test_a_broken_submission(tmp_path, place):
-    path = tmp_path / "hw1.ipynb"
-    text = bytearray(json.dumps({"cells": [], "metadata": {}, "nbformat": 4}).encode())
-    text[place] ^= 1
-    path.write_bytes(text)
-    with pytest.raises(ValueError, match=r"hw1\.ipynb"):
-        submissions.read(path)
-
-
-@pytest.mark.parametrize("name", ["push_t_demos.npz", "weights/push_t_strata.safetensors"])
-def test_a_file_of_the_course_with_one_other_byte(tmp_path, monkeypatch, name):
-    monkeypatch.setattr(assets, "data_folder", lambda: tmp_path)
-    path = tmp_path / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(b"what it was")
-    assets.write_sums()
-    assert assets.find_data(name) == path
-    path.write_bytes(b"what it wat")
-    with pytest.raises(ValueError, match=f"{name} is damaged: its SHA-256"):
-        assets.find_data(name)

@@ -196,9 +196,8 @@ def test_the_energy_score_of_large_numbers_is_a_number():
 def test_images_are_refused_with_advice():
     images = torch.zeros(8, 1, 8, 8)
     advice = r"x0\.flatten\(1\); images\[pairs\.target_index\]"
-    with pytest.raises(
-        ValueError, match=r"x0 must have shape .*got \(8, 1, 8, 8\); pass " + advice
-    ):
+    said = r"x0 must have shape .*got \(8, 1, 8, 8\); pass " + advice
+    with pytest.raises(ValueError, match=said):
         MinibatchOT()(images, images)
     with pytest.raises(ValueError, match=r"x1 must have .* pass x1\.flatten\(1\)$"):
         Dataset(images)

@@ -153,15 +153,10 @@ def test_an_array_may_have_any_axes_in_front():
             check_array(np.ones(shape), "pose", (..., 3))
 
 
-@pytest.mark.parametrize(
-    ("t", "error"),
-    [
-        (1j, TypeError),
-        (torch.tensor(1j), TypeError),
-        ("a", TypeError),
-        ([0.5, math.nan], ValueError),
-    ],
-)
+WRONG_TIMES = [(t, TypeError) for t in (1j, torch.tensor(1j), "a")]
+
+
+@pytest.mark.parametrize(("t", "error"), [*WRONG_TIMES, ([0.5, math.nan], ValueError)])
 def test_times_are_real(t, error):
     with pytest.raises(error, match="t must"):
         check_times(t, torch.ones(2, 2))

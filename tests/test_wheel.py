@@ -58,7 +58,6 @@ def test_the_wheel_carries_the_course(tmp_path):
     zipfile.ZipFile(wheel).extractall(tmp_path / "site")
     (tmp_path / "empty").mkdir()
     command = [sys.executable, "-I", str(ROOT / "release" / "try_wheel.py"), str(tmp_path / "site")]
-    tried = subprocess.run(
-        command, cwd=tmp_path / "empty", check=False, capture_output=True, text=True
-    )
+    options = {"capture_output": True, "text": True, "check": False}
+    tried = subprocess.run(command, cwd=tmp_path / "empty", **options)
     assert tried.returncode == 0, tried.stdout + tried.stderr

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import torch
 
-from cotlearn import couplings, flows, mixtures
+from cotlearn import flows, mixtures
 
 N, D, K = 6, 2, 3
 
@@ -47,12 +47,6 @@ def rows(n: int = N, d: int = D, seed: int = 0) -> torch.Tensor:
 def labels(n: int = N, k: int = K) -> torch.Tensor:
     """One-hot rows, every class among them."""
     return torch.eye(k)[torch.arange(n) % k]
-
-
-def pairs(x0: Any, x1: Any, c: Any) -> Any:
-    """Pairs of the rows as they stand."""
-    index = torch.arange(N)
-    return couplings.Pairs(x0, x1, c, index, index)
 
 
 X0, X1, C = rows(), rows(seed=1) + 1, labels()

@@ -1,5 +1,7 @@
 """Couplings and what they see of a condition; diagnostics."""
 
+from functools import partial
+
 import torch
 
 from array_cases.base import PAIRS, X0, X1, C, D, N, add, g, labels, rows
@@ -23,9 +25,7 @@ COUPLINGS = {
     "SemidiscreteOT": couplings.SemidiscreteOT(1.0, iterations=20),
     "ModelAligned": _aligned,
     "Transformed": couplings.Transformed(couplings.MinibatchOT(), lambda x, c: -x, lambda x, c: -x),
-    "Transformed, centred": couplings.centred(
-        couplings.MinibatchOT(), lambda c: c[:, :1].expand(-1, D)
-    ),
+    "Transformed, centred": couplings.centred(couplings.MinibatchOT(), lambda c: c[:, [0] * D]),
     "Reflow": couplings.Reflow(lambda x0, c: x0 + 1),
 }
 
@@ -43,30 +43,17 @@ for _name, _coupling in COUPLINGS.items():
         lambda x0, x1, c, made=_coupling: made(x0, x1, c, generator=g()),
         **PAIRS,
     )
-add(
-    "couplings.Pairs",
-    couplings.Pairs,
-    bare=("x0", "x1", "c", "source_index", "target_index", "weight"),
-    source_index=torch.arange(N),
-    target_index=torch.arange(N),
-    weight=torch.ones(N),
-    **PAIRS,
-)
-add(
-    "couplings.SemidiscreteOT.fit", lambda x1, c: COUPLINGS["SemidiscreteOT"].fit(x1, c), x1=X1, c=C
-)
+_index = {"source_index": torch.arange(N), "target_index": torch.arange(N)}
+_pairs = {**PAIRS, **_index, "weight": torch.ones(N)}
+add("couplings.Pairs", couplings.Pairs, bare=tuple(_pairs), **_pairs)
+add("couplings.SemidiscreteOT.fit", COUPLINGS["SemidiscreteOT"].fit, x1=X1, c=C)
 add("couplings.KMeansCondition.fit", couplings.KMeansCondition(2).fit, c=C)
+_images, _pca = torch.rand(N, 12, generator=g()), couplings.PCAKMeansCondition
+add("couplings.PCAKMeansCondition.fit", lambda c: _pca(components=2, clusters=2).fit(c), c=_images)
 for _name in ("__call__", "labels"):
     _fitted = couplings.KMeansCondition(2).fit(labels(40))
     add(f"couplings.KMeansCondition.{_name}", getattr(_fitted, _name), c=C)
-_images = torch.rand(N, 12, generator=g())
-add(
-    "couplings.PCAKMeansCondition.fit",
-    lambda c: couplings.PCAKMeansCondition(components=2, clusters=2).fit(c),
-    c=_images,
-)
-for _name in ("__call__", "labels"):
-    _fitted = couplings.PCAKMeansCondition(components=2, clusters=2).fit(_images)
+    _fitted = _pca(components=2, clusters=2).fit(_images)
     add(f"couplings.PCAKMeansCondition.{_name}", getattr(_fitted, _name), c=_images)
 for _name in ("fit", "__call__", "labels"):
     _fitted = couplings.EmbeddedClusters(torch.sin, couplings.KMeansCondition(2)).fit(labels(40))
@@ -77,24 +64,10 @@ add("couplings.combine", lambda a, b: couplings.combine({"a": a, "b": b}), a=C, 
 
 _x, _c = rows(240, seed=5), labels(240)
 add("diagnostics.between_within", diagnostics.between_within, x1=_x, c=_c)
-add(
-    "diagnostics.prior_skew",
-    diagnostics.prior_skew,
-    x0=_x,
-    c=_c,
-)
+add("diagnostics.prior_skew", diagnostics.prior_skew, x0=_x, c=_c)
 add("diagnostics.linear_skew", diagnostics.linear_skew, x0=_x, c=_c)
-add(
-    "diagnostics.frontier",
-    lambda x1, c: diagnostics.frontier(
-        x1, c, {"i": couplings.Independent()}, batch_size=16, rows=100, repetitions=2
-    ),
-    x1=_x,
-    c=_c,
-)
-add(
-    "diagnostics.recommend",
-    lambda x1, c: diagnostics.recommend(x1, c, batch_size=16, rows=100, probe_steps=2),
-    x1=_x,
-    c=_c,
-)
+_small = {"batch_size": 16, "rows": 100}
+_frontier = partial(diagnostics.frontier, couplings={"i": couplings.Independent()}, repetitions=2)
+add("diagnostics.frontier", partial(_frontier, **_small), x1=_x, c=_c)
+_recommend = partial(diagnostics.recommend, probe_steps=2, **_small)
+add("diagnostics.recommend", _recommend, x1=_x, c=_c)

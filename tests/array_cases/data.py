@@ -1,5 +1,7 @@
 """Mixtures, rows, and the Gaussian case that is solved."""
 
+from functools import partial
+
 import numpy as np
 import torch
 
@@ -19,43 +21,23 @@ for _name in ("petals", "moving_modes", "rotating_pair", "eight_gaussians", "moo
     _key = f"mixtures.ConditionalGaussianMixture.{{}}, {_name}"
     add(_key.format("sample_given"), lambda c, d=_data: d.sample_given(c, generator=g()), c=_c)
     add(_key.format("log_density"), _data.log_density, x=X0, c=_c)
-    add(_key.format("velocity"), lambda x, c, d=_data: d.velocity(0.5, x, c), x=X0, c=_c)
-add(
-    "mixtures.ConditionalGaussianMixture.velocity",
-    PETALS.velocity,
-    t=torch.full((N,), 0.5),
-    x=X0,
-    c=C,
-)
+    add(_key.format("velocity"), partial(_data.velocity, 0.5), x=X0, c=_c)
+_times = torch.full((N,), 0.5)
+add("mixtures.ConditionalGaussianMixture.velocity", PETALS.velocity, t=_times, x=X0, c=C)
 
 # --- the solvable case ---
 
-add(
-    "gaussian.LinearGaussian",
-    gaussian.LinearGaussian,
-    A=LINEAR.A,
-    b=LINEAR.b,
-    S=LINEAR.S,
-    S_c=LINEAR.S_c,
-)
-_flow = LINEAR.flow(1.0)
+_given = {name: getattr(LINEAR, name) for name in ("A", "b", "S", "S_c")}
+add("gaussian.LinearGaussian", gaussian.LinearGaussian, **_given)
+_flow, _ones = LINEAR.flow(1.0), {"x": np.ones((N, 2)), "c": np.ones((N, 1))}
 add("gaussian.AffineFlow.law_after", _flow.law_after, c=np.array([0.3]))
-add(
-    "gaussian.AffineFlow.velocity",
-    lambda x, c: _flow.velocity(0.5, x, c),
-    x=np.ones((N, 2)),
-    c=np.ones((N, 1)),
-)
+add("gaussian.AffineFlow.velocity", partial(_flow.velocity, 0.5), **_ones)
 add("gaussian.bures_map", gaussian.bures_map, source=SPD, target=np.eye(2))
 add("gaussian.bures_squared", gaussian.bures_squared, first=SPD, second=np.eye(2))
 
 # --- data of one's own ---
 
-_few = report.FewStepModel(
-    flows.VelocityMLP(2, 3, width=8, depth=1, seed=0),
-    datasets.Standardiser(torch.ones(2), torch.ones(2)),
-    datasets.Standardiser(torch.ones(3), torch.ones(3)),
-    {},
-)
+_scales = [datasets.Standardiser(torch.ones(d), torch.ones(d)) for d in (2, 3)]
+_few = report.FewStepModel(flows.VelocityMLP(2, 3, width=8, depth=1, seed=0), *_scales, {})
 add("report.FewStepModel.sample", lambda c: _few.sample(c, generator=g()), c=C)
 add("report.from_arrays", report.from_arrays, x1=X1.numpy(), c=C.numpy(), group=np.arange(N))

@@ -9,27 +9,13 @@ from array_cases.base import NETWORK, X0, X1, C, D, N, add, g
 from cotlearn import flows, metrics
 from cotlearn.flows import diffusion, one_step
 
-add("flows.integrate", lambda x0, c: flows.integrate(NETWORK, x0, c, nfe=2), x0=X0, c=C)
-add(
-    "flows.integrate, dopri5",
-    lambda x0, c: flows.integrate(NETWORK, x0, c, method="dopri5"),
-    x0=X0,
-    c=C,
-)
+_integrate, _diffusion = partial(flows.integrate, NETWORK), diffusion.Diffusion(4)
+add("flows.integrate", partial(_integrate, nfe=2), x0=X0, c=C)
+add("flows.integrate, dopri5", partial(_integrate, method="dopri5"), x0=X0, c=C)
 add("flows.sampler", lambda c: flows.sampler(NETWORK, nfe=1)(c, generator=g()), c=C)
-add(
-    "flows.diffusion.Diffusion.ddim",
-    lambda x, c: diffusion.Diffusion(4).ddim(NETWORK, x, c, nfe=2),
-    x=X0,
-    c=C,
-)
-add(
-    "flows.diffusion.Diffusion.ddpm",
-    lambda x, c, noise: diffusion.Diffusion(4).ddpm(NETWORK, x, c, noise=noise),
-    x=X0,
-    c=C,
-    noise=torch.randn(3, N, D, generator=g()),
-)
+add("flows.diffusion.Diffusion.ddim", partial(_diffusion.ddim, NETWORK, nfe=2), x=X0, c=C)
+_noise = torch.randn(3, N, D, generator=g())
+add("flows.diffusion.Diffusion.ddpm", partial(_diffusion.ddpm, NETWORK), x=X0, c=C, noise=_noise)
 JUMPS = one_step.MeanVelocity(flows.VelocityMLP(D, C.shape[1] + 1, width=8, depth=1, seed=0))
 add("flows.one_step.jump", lambda x0, c: one_step.jump(JUMPS, x0, c, nfe=2), x0=X0, c=C)
 add("flows.one_step.TwoPasses.sample", partial(one_step.TwoPasses().sample, NETWORK), x0=X0, c=C)

@@ -17,15 +17,10 @@ _windows = Windows(
     observation_range=np.array([[-1.0] * 6, [1.0] * 6]),
     action_range=np.array([[-1.0] * 2, [1.0] * 2]),
 )
-_network = networks.ResidualMLP(
-    _windows.dim, _windows.condition_dim, width=8, blocks=1, context=4, seed=0
-)
+_sizes = {"width": 8, "blocks": 1, "context": 4}
+_network = networks.ResidualMLP(_windows.dim, _windows.condition_dim, **_sizes, seed=0)
 _policy = ChunkPolicy(_network, _windows, FlowSampler(1), execute=2)
-for _name in ("act", "chunk"):
-    _method = getattr(_policy, _name)
-    add(
-        f"policies.policy.ChunkPolicy.{_name}",
-        lambda history, noise, f=_method: f(history, noise=noise),
-        history=np.tile(np.array([200.0, 200.0, 256.0, 256.0, 0.5]), (3, 2, 1)),
-        noise=rows(3, _windows.dim)[None],
-    )
+_history = np.tile(np.array([200.0, 200.0, 256.0, 256.0, 0.5]), (3, 2, 1))
+_given = {"history": _history, "noise": rows(3, _windows.dim)[None]}
+add("policies.policy.ChunkPolicy.act", _policy.act, **_given)
+add("policies.policy.ChunkPolicy.chunk", _policy.chunk, **_given)

@@ -1,5 +1,7 @@
 """Convex potentials and actions."""
 
+from copy import deepcopy
+from functools import partial
 from unittest import mock
 
 import torch
@@ -13,50 +15,20 @@ PARTIAL = potentials.PICNN(D, K, width=8, depth=1, condition_width=4, seed=0)
 SMOOTH = potentials.LogSumExp(D, seed=0)
 
 
-for _name, _potential, _given in (
-    ("ICNN", CONVEX, {}),
-    ("PICNN", PARTIAL, {"c": C}),
-    ("LogSumExp", SMOOTH, {}),
-):
-    add(
-        f"potentials.transport, {_name}",
-        lambda x0, p=_potential, **c: potentials.transport(p, x0, **c),
-        x0=X0,
-        **_given,
-    )
-    add(
-        f"potentials.invert, {_name}",
-        lambda y, p=_potential, **more: potentials.invert(p, y, **more),
-        y=X0,
-        t=torch.linspace(0.1, 1, N),
-        **_given,
-    )
-    add(
-        f"potentials.dual_objective, {_name}",
-        lambda x0, x1, p=_potential, **c: potentials.dual_objective(p, x0, x1, **c),
-        x0=X0,
-        x1=X1,
-        **_given,
-    )
-add(
-    "potentials.ICNN.start_at_gaussian",
-    potentials.ICNN(D, width=8, depth=1, seed=0).start_at_gaussian,
-    x1=X1,
-)
-add(
-    "potentials.PICNN.start_at_gaussian",
-    mock.patch.dict(convex.START, steps=2)(
-        potentials.PICNN(D, K, width=8, depth=1, condition_width=4, seed=0).start_at_gaussian
-    ),
-    x1=X1,
-    c=C,
-)
-_conditional = potentials.ConditionalGaussian(D)
-_one = torch.rand(N, _conditional.conditions().shape[1], generator=g())
-add(
-    "potentials.ConditionalGaussian.sample_given",
-    lambda c: _conditional.sample_given(c, generator=g()),
-    c=_one,
-)
-add("potentials.ConditionalGaussian.transport", _conditional.transport, x0=X0, c=_one)
+FUNCTIONS = {
+    "transport": {"x0": X0},
+    "invert": {"y": X0, "t": torch.linspace(0.1, 1, N)},
+    "dual_objective": {"x0": X0, "x1": X1},
+}
+for _potential, _given in ((CONVEX, {}), (PARTIAL, {"c": C}), (SMOOTH, {})):
+    for _name, _arrays in FUNCTIONS.items():
+        _call = partial(getattr(potentials, _name), _potential)
+        add(f"potentials.{_name}, {type(_potential).__name__}", _call, **_arrays, **_given)
+add("potentials.ICNN.start_at_gaussian", deepcopy(CONVEX).start_at_gaussian, x1=X1)
+_start = mock.patch.dict(convex.START, steps=2)(deepcopy(PARTIAL).start_at_gaussian)
+add("potentials.PICNN.start_at_gaussian", _start, x1=X1, c=C)
+_law, _key = potentials.ConditionalGaussian(D), "potentials.ConditionalGaussian"
+_one = torch.rand(N, _law.conditions().shape[1], generator=g())
+add(f"{_key}.sample_given", lambda c: _law.sample_given(c, generator=g()), c=_one)
+add(f"{_key}.transport", _law.transport, x0=X0, c=_one)
 add("potentials.KnownMap.transport", potentials.KnownMap.gaussian(D).transport, x0=X0)

@@ -7,14 +7,6 @@ from cotlearn.robots import episodes
 
 PUSHES = np.full((3, 4, 2), 220.0)
 SCENES = np.tile(np.array([200.0, 200.0, 256.0, 256.0, 0.5]), (3, 1))
-add(
-    "robots.episodes.Episodes",
-    lambda state, action, ends, intention, seed: episodes.Episodes(
-        state, action, ends, intention=intention, seed=seed
-    ),
-    state=SCENES,
-    action=PUSHES[:, 0],
-    ends=np.array([1, 3]),
-    intention=PUSHES[:, 0],
-    seed=np.array([3, 4]),
-)
+_given = {"state": SCENES, "action": PUSHES[:, 0], "intention": PUSHES[:, 0]}
+_rows = {"ends": np.array([1, 3]), "seed": np.array([3, 4])}
+add("robots.episodes.Episodes", episodes.Episodes, **_given, **_rows)

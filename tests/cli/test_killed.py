@@ -12,6 +12,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from waiting import soon, until
 
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.report import FewStepModel
@@ -22,12 +23,6 @@ pytestmark = [
     pytest.mark.skipif(sys.platform == "win32", reason="no kill -9"),
     pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT]),
 ]
-PATIENCE = 600  # seconds, on a very busy machine
-
-
-def soon():
-    """Three seconds, or as much longer as this machine is busy."""
-    return 3 * max(1, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
 def command(words, folder):
@@ -63,11 +58,8 @@ def start(warm):
 
 def end_when_there_is(file, process, number):
     """Ends a process as soon as a file is there."""
-    deadline = time.monotonic() + PATIENCE
-    while not file.exists():
-        assert process.is_alive(), f"ended with {process.exitcode}"
-        assert time.monotonic() < deadline, f"no {file}"
-        time.sleep(0.01)
+    until(lambda: file.exists() or not process.is_alive(), patience=600, every=0.01)
+    assert process.is_alive(), f"ended with {process.exitcode}"
     begun = time.monotonic()
     os.kill(process.pid, number)
     process.join()
@@ -76,7 +68,7 @@ def end_when_there_is(file, process, number):
 
 
 def finish(process, folder):
-    process.join(PATIENCE)
+    process.join(600)
     said = (folder / "said.txt").read_text()
     assert process.exitcode == 0, said
     (folder / "said.txt").unlink()

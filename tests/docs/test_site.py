@@ -101,8 +101,7 @@ def test_names_of_the_library_are_linked(site):
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["couplings.ConditionalOT", "flows.fit", "metrics.squared_w2", "potentials.ICNN"],
+    "name", ["couplings.ConditionalOT", "flows.fit", "metrics.squared_w2", "potentials.ICNN"]
 )
 def test_the_reference_has_it(site, name):
     folder = name.split(".")[0]

@@ -26,11 +26,8 @@ def kinds(notebook):
 
 
 def test_headings_start_slides(marked):
-    first = [
-        cell.source.splitlines()[0]
-        for cell, kind in zip(marked.cells, kinds(marked), strict=True)
-        if kind == "slide"
-    ]
+    shown = [c for c, kind in zip(marked.cells, kinds(marked), strict=True) if kind == "slide"]
+    first = [cell.source.splitlines()[0] for cell in shown]
     assert first[0].startswith("# 00")
     assert "## Predict" in first
     assert all(line.startswith(("# ", "## ")) for line in first)

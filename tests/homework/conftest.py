@@ -2,6 +2,7 @@ import os
 import signal
 import sys
 
+import handed_in
 import pytest
 
 from cotlearn.__main__ import main
@@ -20,6 +21,18 @@ def command(words, folder, environment):
     sys.path.insert(0, "")  # as `python -m` does
     sys.argv = ["cotlearn", *words]
     main()
+
+
+@pytest.fixture
+def key(monkeypatch):
+    """Of grading."""
+    monkeypatch.setenv("COTLEARN_GRADING_KEY", "of these tests")
+
+
+@pytest.fixture(scope="module")
+def masters(tmp_path_factory):
+    """A folder with a homework 1 of one question."""
+    return handed_in.masters(tmp_path_factory.mktemp("masters"))
 
 
 @pytest.fixture

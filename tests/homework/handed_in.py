@@ -32,9 +32,8 @@ def answers(**changed: str) -> dict[str, str]:
 def homework(sources: dict[str, str], *, extra: tuple[str, ...] = (), stamp: bool = True):
     """A notebook for homework 1 with these answers."""
     notebook = nbformat.v4.new_notebook()
-    notebook.metadata = {
-        "kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}
-    }
+    kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    notebook.metadata = {"kernelspec": kernel}
     if stamp:
         notebook.metadata["cotlearn"] = {"assignment": "hw1", "version": "0.1.0"}
     notebook.cells = [nbformat.v4.new_code_cell(SETUP)]

@@ -4,16 +4,13 @@ import math
 
 import torch
 from scipy.optimize import linear_sum_assignment
+from torch import cdist
 
 from cotlearn.mixtures import petals
 
 
 def columns(x0, x1):
-    return linear_sum_assignment(torch.cdist(x0, x1) ** 2)[1]
-
-
-def labels_stay(x0, x1, c):
-    return x1[columns(x0, x1)], c
+    return linear_sum_assignment(cdist(x0, x1) ** 2)[1]
 
 
 def inverse(x0, x1, c):
@@ -22,7 +19,7 @@ def inverse(x0, x1, c):
 
 
 def row_by_row(x0, x1, c):
-    nearest = torch.cdist(x0, x1).argmin(dim=1)
+    nearest = cdist(x0, x1).argmin(dim=1)
     return x1[nearest], c[nearest]
 
 
@@ -34,6 +31,10 @@ def in_place(x0, x1, c):
 
 def first_petal(c, generator=None):
     return petals().sample_given(torch.eye(4)[:1].expand(len(c), -1), generator=generator)
+
+
+def augmented(power=2, of_weight=1):
+    return lambda a, c, b, d, w: cdist(a, b) ** power + w**of_weight * cdist(c, d) ** power
 
 
 ALL_RIGHT = {"shape": (256, 6), "gradient": 12, "best_constant": 0, "mean": 2, "euler": 0.25}
@@ -53,28 +54,16 @@ MISTAKES = [
     ("00.deaf_sampler", lambda c, generator=None: petals().sample(len(c), generator), "tuple"),
     ("00.deaf_sampler", first_petal, "four petals"),
     ("00.deaf_sampler", 3, "function"),
-    ("03.labels_follow", labels_stay, "labels stayed"),
+    ("03.labels_follow", lambda x0, x1, c: (x1[columns(x0, x1)], c), "labels stayed"),
     ("03.labels_follow", inverse, "inverse"),
     ("03.labels_follow", row_by_row, "smallest total"),
     ("03.labels_follow", in_place, "changed its inputs"),
     ("03.labels_follow", lambda x0, x1, c: x1, "two tensors"),
     ("03.labels_follow", lambda x0, x1, c: (x1[:3], c), "shape"),
-    (
-        "03.augmented_cost",
-        lambda x0, c0, x1, c, w: torch.cdist(x0, x1) + w * torch.cdist(c0, c),
-        "square the distances",
-    ),
-    (
-        "03.augmented_cost",
-        lambda x0, c0, x1, c, w: torch.cdist(x0, x1) ** 2 + w**2 * torch.cdist(c0, c) ** 2,
-        "itself is not squared",
-    ),
-    (
-        "03.augmented_cost",
-        lambda x0, c0, x1, c, w: (torch.cdist(x0, x1) ** 2 + w * torch.cdist(c0, c) ** 2).T,
-        "rows belong",
-    ),
-    ("03.augmented_cost", lambda x0, c0, x1, c, w: torch.zeros(5), "shape"),
+    ("03.augmented_cost", augmented(power=1), "square the distances"),
+    ("03.augmented_cost", augmented(of_weight=2), "itself is not squared"),
+    ("03.augmented_cost", lambda *given: augmented()(*given).T, "rows belong"),
+    ("03.augmented_cost", lambda *given: torch.zeros(5), "shape"),
     ("03.skew", lambda r, v: float(r @ r) / v, "covariance"),
     ("03.skew", lambda r, v: (math.sqrt(1 - float(r @ r) / v) - 1) ** 2, "mean"),
     ("03.skew", lambda r, v: 2 - 2 * math.sqrt(1 - min(float(r @ r), 1.0)), "divide"),

@@ -5,9 +5,7 @@ import numpy as np
 
 def turn(points, angle):
     cos, sin = np.cos(angle), np.sin(angle)
-    return np.stack(
-        [cos * points[:, 0] - sin * points[:, 1], sin * points[:, 0] + cos * points[:, 1]], 1
-    )
+    return points @ np.array([[cos, sin], [-sin, cos]])
 
 
 def entropy(p):

@@ -1,5 +1,7 @@
 """Wrong answers to the exercises of notebook 10, words of their hints, right ones."""
 
+import operator
+
 import numpy as np
 import torch
 
@@ -27,13 +29,10 @@ def gap(model, x0, c, x1, order):
 
 
 def pareto(policies, strictly=False):
-    found = []
-    for name, (success, variety) in policies.items():
-        others = [o for o in policies.values() if o != (success, variety)]
-        if strictly:
-            beaten = any(o[0] > success and o[1] > variety for o in others)
-        else:
-            beaten = any(o[0] >= success and o[1] >= variety for o in others)
+    found, above = [], operator.gt if strictly else operator.ge
+    for name, own in policies.items():
+        others = [other for other in policies.values() if other != own]
+        beaten = any(above(o[0], own[0]) and above(o[1], own[1]) for o in others)
         found += [] if beaten else [name]
     return found
 
@@ -45,27 +44,15 @@ MISTAKES = [
     ("10.ways_entropy", lambda m: mode_entropy(m) / np.log(3), "not normalised"),
     ("10.ways_entropy", lambda m: np.mean([entropy(row) for row in m]), "-1 is a failure"),
     ("10.ways_entropy", lambda m: entropy(m[m >= 0]), "start by start"),
-    (
-        "10.ways_entropy",
-        lambda m: np.mean([entropy(row[row >= 0]) for row in m if (row >= 0).any()]),
-        "counts, with entropy 0",
-    ),
+    ("10.ways_entropy", lambda m: mode_entropy(m[(m >= 0).any(1)]), "counts, with entropy 0"),
     ("10.ways_entropy", lambda m: mode_entropy(m) * len(m), "not the sum"),
     ("10.ways_entropy", by_share, "0 log 0"),
     ("10.ways_entropy", lambda m: 0.5, "expected"),
     ("10.ways_entropy", lambda m: m, "one number"),
     ("10.ways_entropy", 1.0, "expected a function"),
     ("10.gap", lambda *given: -gap(*given), "fresh minus coupled"),
-    (
-        "10.gap",
-        lambda m, x0, c, x1, o: error(m, x0[o], c[o], x1) - error(m, x0, c, x1),
-        "stay with",
-    ),
-    (
-        "10.gap",
-        lambda m, x0, c, x1, o: error(m, x0, c[o], x1) - error(m, x0, c, x1),
-        "not the cond",
-    ),
+    ("10.gap", lambda m, a, c, b, o: error(m, a[o], c[o], b) - error(m, a, c, b), "stay with"),
+    ("10.gap", lambda m, a, c, b, o: error(m, a, c[o], b) - error(m, a, c, b), "not the cond"),
     ("10.gap", lambda m, x0, c, x1, o: gap(m, x0, c, x1, torch.arange(len(o))), "nothing changes"),
     ("10.gap", lambda *given: gap(*given) / 3, "not a mean"),
     ("10.gap", lambda *given: gap(*given) * len(given[1]), "not the sum"),

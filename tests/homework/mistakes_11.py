@@ -5,27 +5,17 @@ import torch
 from cotlearn.flows.networks import SpatialSoftmax
 
 
-def place(h):
-    share = h.flatten(1).softmax(dim=1).view_as(h)
-    right, down = torch.linspace(-1, 1, h.shape[2]), torch.linspace(-1, 1, h.shape[1])
+def mean_place(share):
+    right, down = torch.linspace(-1, 1, share.shape[2]), torch.linspace(-1, 1, share.shape[1])
     return torch.stack([share.sum(dim=1) @ right, share.sum(dim=2) @ down], dim=1)
+
+
+def place(h):
+    return mean_place(h.flatten(1).softmax(dim=1).view_as(h))
 
 
 def strongest(h):
-    k = h.flatten(1).argmax(dim=1)
-    right, down = torch.linspace(-1, 1, h.shape[2]), torch.linspace(-1, 1, h.shape[1])
-    return torch.stack([right[k % h.shape[2]], down[k // h.shape[2]]], dim=1)
-
-
-def not_shares(h):
-    right, down = torch.linspace(-1, 1, h.shape[2]), torch.linspace(-1, 1, h.shape[1])
-    return torch.stack([h.sum(dim=1) @ right, h.sum(dim=2) @ down], dim=1)
-
-
-def of_all(h):
-    share = h.flatten().softmax(dim=0).view_as(h)
-    right, down = torch.linspace(-1, 1, h.shape[2]), torch.linspace(-1, 1, h.shape[1])
-    return torch.stack([share.sum(dim=1) @ right, share.sum(dim=2) @ down], dim=1)
+    return mean_place((h == h.amax(dim=(1, 2), keepdim=True)).float())
 
 
 def in_cells(h):
@@ -42,12 +32,6 @@ def inside(label, value):
     return torch.cat(off).square().sum(dim=1).mean()
 
 
-def correlation(x0, m):
-    m = m - m.mean(dim=0)
-    size = x0.shape[1] * m.square().sum(dim=1).mean()
-    return (x0 * m).sum(dim=1).mean() / size.sqrt()
-
-
 def whole(label, value):
     return (value - value.mean(dim=0)).square().sum(dim=1).mean()
 
@@ -57,11 +41,15 @@ def uncentred(x0, m):
     return (x0 * m).sum(dim=1).mean() / size.sqrt()
 
 
+def correlation(x0, m):
+    return uncentred(x0, m - m.mean(dim=0))
+
+
 MISTAKES = [
     ("11.place", lambda h: place(h).flip(1), "changed places"),
     ("11.place", strongest, "not the mean places"),
-    ("11.place", not_shares, "not shares yet"),
-    ("11.place", of_all, "over its cells only"),
+    ("11.place", mean_place, "not shares yet"),
+    ("11.place", lambda h: mean_place(h.flatten().softmax(0).view_as(h)), "over its cells only"),
     ("11.place", in_cells, "from -1"),
     ("11.place", lambda h: place(h).T, "must have shape (5, 2)"),
     ("11.place", lambda h: -place(h), "not the mean places"),

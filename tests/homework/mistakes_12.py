@@ -43,6 +43,9 @@ def first_ahead(scores, flagged):
     return next(ahead, "independent")
 
 
+right = decide_by(2)
+
+
 def flags_last(scores, flagged):
     return "independent" if best(scores) in flagged else right(scores, flagged)
 
@@ -69,12 +72,6 @@ MISTAKES = [
     ("12.guided", lambda a, b, s: a[:1], "shape"),
     ("12.guided", lambda a, b, s: b - a, "expected"),
 ]
-
-
-def right(scores, flagged):
-    name = best(scores, flagged)
-    gain = scores["independent"] - scores[name]
-    return name if gain.mean() > 2 * gain.std() / np.sqrt(len(gain)) else "independent"
 
 
 RIGHT = [

@@ -3,8 +3,12 @@
 import torch
 
 
+def end(x, t, r, a):
+    return x * (torch.tensor(a) * (r - t)).exp()
+
+
 def mean_velocity(x, t, r, a):
-    return x * ((torch.tensor(a) * (r - t)).exp() - 1) / (r - t)
+    return (end(x, t, r, a) - x) / (r - t)
 
 
 def halves(first, second, t, s, r):
@@ -20,13 +24,9 @@ def reading(rows, floor, *, given=True, most=2.0, key="seconds"):
 MISTAKES = [
     ("13.mean_velocity", lambda x, t, r, a: a * x, "the velocity at t"),
     ("13.mean_velocity", lambda x, t, r, a: (r - t) * mean_velocity(x, t, r, a), "divide it by"),
-    ("13.mean_velocity", lambda x, t, r, a: x * 2.718281828 ** (a * (r - t)), "subtract x"),
+    ("13.mean_velocity", end, "subtract x"),
     ("13.mean_velocity", lambda x, t, r, a: r * mean_velocity(x, 0, r, a) / (r - t), "starts at t"),
-    (
-        "13.mean_velocity",
-        lambda x, t, r, a: a * (x + x * 2.718281828 ** (a * (r - t))) / 2,
-        "mean of both ends",
-    ),
+    ("13.mean_velocity", lambda x, t, r, a: a * (x + end(x, t, r, a)) / 2, "mean of both ends"),
     ("13.mean_velocity", lambda x, t, r, a: x.mean(), "shape"),
     ("13.mean_velocity", 2.0, "expected a function"),
     ("13.halves", lambda a, b, t, s, r: (a + b) / 2, "not equally long"),
@@ -41,8 +41,4 @@ MISTAKES = [
     ("13.reading", lambda rows, floor: "none", "expected 'B'"),
 ]
 
-RIGHT = [
-    ("13.mean_velocity", mean_velocity),
-    ("13.halves", halves),
-    ("13.reading", reading),
-]
+RIGHT = [("13.mean_velocity", mean_velocity), ("13.halves", halves), ("13.reading", reading)]

@@ -12,39 +12,28 @@ def far(a, b):
     return torch.cdist(a, b)
 
 
-def shuffled(c, g):
+def shuffled(c, g=None):
     return c[torch.randperm(len(c), generator=g)]
 
 
-def solve(x0, x1, c0, c, weight):
-    return linear_sum_assignment(far(x0, x1) ** 2 + weight * far(c0, c) ** 2)
+def paired(x0, x1, c0, c, weight, *, labels=None):
+    rows, columns = linear_sum_assignment(far(x0, x1) ** 2 + weight * far(c0, c) ** 2)
+    return x0[rows], x1[columns], (c if labels is None else labels)[columns]
 
 
 def labels_stay(x0, x1, c, weight, g):
-    rows, columns = solve(x0, x1, shuffled(c, g), c, weight)
-    return x0[rows], x1[columns], c
+    return *paired(x0, x1, shuffled(c, g), c, weight)[:2], c
 
 
 def labels_of_the_noise(x0, x1, c, weight, g):
     c0 = shuffled(c, g)
-    rows, columns = solve(x0, x1, c0, c, weight)
-    return x0[rows], x1[columns], c0[columns]
-
-
-def not_shuffled(x0, x1, c, weight, g):
-    rows, columns = solve(x0, x1, c, c, weight)
-    return x0[rows], x1[columns], c[columns]
-
-
-def own_shuffle(x0, x1, c, weight, g):
-    rows, columns = solve(x0, x1, c[torch.randperm(len(c))], c, weight)
-    return x0[rows], x1[columns], c[columns]
+    return paired(x0, x1, c0, c, weight, labels=c0)
 
 
 def with_replacement(x0, x1, c, weight, g):
-    rows, columns = solve(x0, x1, shuffled(c, g), c, weight)
+    pairs = paired(x0, x1, shuffled(c, g), c, weight)
     drawn = torch.randint(len(c), (len(c),), generator=g)
-    return x0[rows[drawn]], x1[columns[drawn]], c[columns[drawn]]
+    return tuple(part[drawn] for part in pairs)
 
 
 def nearest(x0, x1, c, weight, g):
@@ -58,18 +47,13 @@ def random_inside_classes(x0, x1, c, weight, g):
     return x0[rows], x1[columns], c[columns]
 
 
-def weight_ignored(x0, x1, c, weight, g):
-    rows, columns = solve(x0, x1, shuffled(c, g), c, 50.0)
-    return x0[rows], x1[columns], c[columns]
-
-
 def each(made, real, c):
     label = c.argmax(1)
     return [squared_w2(made[label == k], real[label == k]) for k in label.unique()]
 
 
-def shares(c):
-    return c.mean(0).tolist()
+def by_frequency(a, b, c):
+    return sum(w * v for w, v in zip(c.mean(0).tolist(), each(a, b, c), strict=True))
 
 
 def rows_of(weights, skew, variance):
@@ -105,35 +89,23 @@ MISTAKES = [
     ("hw2.cost", lambda a, b, c, d, w: far(a, b) ** 2 + w * far(c, d).T ** 2, "raised Runtime"),
     ("hw2.pair", labels_stay, "labels stayed behind"),
     ("hw2.pair", labels_of_the_noise, "keep its own condition"),
-    ("hw2.pair", not_shuffled, "random permutation"),
-    ("hw2.pair", own_shuffle, "generator=generator"),
+    ("hw2.pair", lambda a, b, c, w, g: paired(a, b, c, c, w), "random permutation"),
+    ("hw2.pair", lambda a, b, c, w, g: paired(a, b, shuffled(c), c, w), "generator=generator"),
     ("hw2.pair", with_replacement, "with replacement"),
     ("hw2.pair", nearest, "rows were never used"),
     ("hw2.pair", random_inside_classes, "inside each class"),
-    ("hw2.pair", weight_ignored, "plain OT"),
+    ("hw2.pair", lambda a, b, c, w, g: paired(a, b, shuffled(c, g), c, 50.0), "plain OT"),
     ("hw2.pair", lambda x0, x1, c, w, g: (x0, x1), "three things"),
     ("hw2.conditional_w2", lambda a, b, c: squared_w2(a, b), "do not count yet"),
     ("hw2.conditional_w2", lambda *a: sum(each(*a)), "do not sum"),
     ("hw2.conditional_w2", lambda *a: math.sqrt(sum(each(*a)) / 3), "no root"),
     ("hw2.conditional_w2", lambda *a: sum(map(math.sqrt, each(*a))) / 3, "before the mean"),
     ("hw2.conditional_w2", lambda *a: max(each(*a)), "the worst of them"),
-    (
-        "hw2.conditional_w2",
-        lambda a, b, c: sum(w * v for w, v in zip(shares(c), each(a, b, c), strict=True)),
-        "counts alike",
-    ),
-    (
-        "hw2.choose_weight",
-        lambda w, s, v, budget: w[v.index(min(v))],
-        "above the budget",
-    ),
+    ("hw2.conditional_w2", by_frequency, "counts alike"),
+    ("hw2.choose_weight", lambda w, s, v, budget: w[v.index(min(v))], "above the budget"),
     ("hw2.choose_weight", lambda w, s, v, budget: w[s.index(min(s))], "costs variance"),
     ("hw2.choose_weight", lambda w, s, v, budget: max(w), "costs variance"),
-    (
-        "hw2.choose_weight",
-        lambda *a: min(row[0] for row in fitting(*a) or rows_of(*a[:3])),
-        "need not have",
-    ),
+    ("hw2.choose_weight", lambda *a: min(fitting(*a) or rows_of(*a[:3]))[0], "need not have"),
     ("hw2.choose_weight", place_instead, "not its place"),
     ("hw2.choose_weight", no_way_out, "smallest skew"),
 ]

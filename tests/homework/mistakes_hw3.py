@@ -17,13 +17,16 @@ def newton(gradient, hessian, x, t, *, steps=30, sign=-1, keep=None):
     return z
 
 
-def field(gradient, invert, x0, x1, t):
-    z0 = invert((1 - t) * x0 + t * x1, t)
-    return gradient(z0) - z0
-
-
 def start(invert, x0, x1, t):
     return invert((1 - t) * x0 + t * x1, t)
+
+
+def field(gradient, *given):
+    return gradient(start(*given)) - start(*given)
+
+
+def off(gradient, invert, x0, x1, t, *, sign=1):
+    return field(gradient, invert, x0, x1, t) - sign * (x1 - x0)
 
 
 MISTAKES = [
@@ -42,29 +45,17 @@ MISTAKES = [
     ("hw3.invert", lambda g, h, x, t: (1 - t) * x + t * g(x), "goes forward, from z to x"),
     ("hw3.invert", lambda g, h, x, t: g(x), "goes forward; the z"),
     ("hw3.invert", lambda g, h, x, t: x, "that is x itself"),
+    ("hw3.ofm_loss", lambda g, *a: (start(*a) - a[1]).square().sum(1), "divided by t²"),
+    ("hw3.ofm_loss", lambda g, i, a, b, t: (g(a) - b).square().sum(1), "not that of x0"),
+    ("hw3.ofm_loss", lambda *a: off(*a, sign=-1).square().sum(1), "not x0 - x1"),
     (
         "hw3.ofm_loss",
-        lambda g, i, a, b, t: (start(i, a, b, t) - a).square().sum(1),
-        "divided by t²",
-    ),
-    (
-        "hw3.ofm_loss",
-        lambda g, i, a, b, t: (g(a) - a - (b - a)).square().sum(1),
-        "not that of x0",
-    ),
-    ("hw3.ofm_loss", lambda *a: (field(*a) - (a[2] - a[3])).square().sum(1), "not x0 - x1"),
-    (
-        "hw3.ofm_loss",
-        lambda g, i, a, b, t: (field(g, i, b, a, t) - (b - a)).square().sum(1),
+        lambda g, i, a, b, t: off(g, i, b, a, t, sign=-1).square().sum(1),
         "ends are swapped",
     ),
-    ("hw3.ofm_loss", lambda *a: (field(*a) - (a[3] - a[2])).square().mean(1), "do not average"),
-    (
-        "hw3.ofm_loss",
-        lambda *a: (field(*a) - (a[3] - a[2])).square().mean(),
-        "each row",
-    ),
-    ("hw3.ofm_loss", lambda *a: (field(*a) - (a[3] - a[2])).norm(dim=1), "its square"),
+    ("hw3.ofm_loss", lambda *a: off(*a).square().mean(1), "do not average"),
+    ("hw3.ofm_loss", lambda *a: off(*a).square().mean(), "each row"),
+    ("hw3.ofm_loss", lambda *a: off(*a).norm(dim=1), "its square"),
     ("hw3.l2_uvp", lambda f, t, s: (f - t).square().sum(1).mean() / s.trace(), "in percent"),
     ("hw3.l2_uvp", lambda f, t, s: 100 * (f - t).square().mean() / s.trace(), "mean over rows"),
     ("hw3.l2_uvp", lambda f, t, s: 100 * (f - t).square().sum(1).mean(), "by the variance"),

@@ -19,19 +19,9 @@ from cotlearn.homework import answering, grading, isolation, submissions
 from cotlearn.homework.isolation import Limits
 from cotlearn.homework.registry import printable
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("key")]
 LIMITS = Limits(seconds=2, gigabytes=1)
 POINTS = [4]  #: of `only`
-
-
-@pytest.fixture(autouse=True)
-def _key(monkeypatch):
-    monkeypatch.setenv("COTLEARN_GRADING_KEY", "of these tests")
-
-
-@pytest.fixture(scope="module")
-def masters(tmp_path_factory):
-    return handed_in.masters(tmp_path_factory.mktemp("masters"))
 
 
 @pytest.fixture
@@ -50,15 +40,20 @@ def only(euler):
     return handed_in.homework({"euler": euler})
 
 
+def hand_in(tmp_path, euler, name="a"):
+    """Hands in one answer, in the folder `in`, and returns the folder."""
+    handed_in.write(tmp_path / "in" / f"{name}.ipynb", only(euler))
+    return tmp_path / "in"
+
+
 def points(row):
     return [mark.points for mark in row.marked.marks]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names and kinds that only Linux has")
 def test_every_file_has_a_row(grade, tmp_path, monkeypatch):
-    folder = tmp_path / "in"
+    folder = hand_in(tmp_path, EULER, "anna")
     good = folder / "anna.ipynb"
-    handed_in.write(good, only(EULER))
     handed_in.write(folder / "upper.IPYNB", only(EULER))
     handed_in.write(folder / "anna.md" / "hw1.ipynb", only(EULER))
     content = good.read_bytes()
@@ -79,10 +74,7 @@ def test_every_file_has_a_row(grade, tmp_path, monkeypatch):
         monkeypatch.chdir(folder)
         server.bind("socket.ipynb")
         rows = grade(folder)
-    notes = {
-        "zero.ipynb": "it is a link",
-        "neighbour.ipynb": "it is a link",
-        "elsewhere": "it is a link",
+    notes = dict.fromkeys(["zero.ipynb", "neighbour.ipynb", "elsewhere"], "it is a link") | {
         "pipe.ipynb": "it is a named pipe",
         "socket.ipynb": "it is a socket",
         "large.ipynb": "too large: 10,000 MB",
@@ -109,19 +101,16 @@ def test_every_file_has_a_row(grade, tmp_path, monkeypatch):
     "metadata", [{"kernelspec": 3}, {"cotlearn": [1]}, {"cotlearn": {"assignment": {"\ud800": 1}}}]
 )
 def test_fields_that_are_not_what_they_were(grade, tmp_path, metadata):
-    notebook = only(EULER)
-    handed_in.write(tmp_path / "in" / "a.ipynb", notebook)
-    text = json.dumps({**notebook, "metadata": metadata})
-    (tmp_path / "in" / "b.ipynb").write_text(text)
-    rows = grade(tmp_path / "in")
+    folder = hand_in(tmp_path, EULER)
+    (folder / "b.ipynb").write_text(json.dumps({**only(EULER), "metadata": metadata}))
+    rows = grade(folder)
     assert points(rows["a.ipynb"]) == POINTS
     assert rows["b.ipynb"].marked.note
 
 
 def test_texts_of_answers_can_be_printed(grade, tmp_path):
     answer = 'def euler(*a):\n    raise ValueError("\\ud800 \\x1b[2J" + "x" * 10**5)'
-    handed_in.write(tmp_path / "in" / "a.ipynb", only(answer))
-    sentence = grade(tmp_path / "in")["a.ipynb"].marked.marks[0].sentence
+    sentence = grade(hand_in(tmp_path, answer))["a.ipynb"].marked.marks[0].sentence
     assert r"raised ValueError: \ud800 \x1b[2J" in sentence
     assert len(sentence) < 600
     assert printable("é ✓ \r\x07") == r"é ✓ \r\x07"
@@ -137,8 +126,8 @@ def test_a_killed_process_is_tried_again(grade, tmp_path):
     wait += f"pathlib.Path({str(numbers)!r}, str(own)).touch()\ntime.sleep(60)"
     once = f"import pathlib\nf = pathlib.Path({str(done)!r})\n"
     once += f"if not f.exists():\n    f.touch()\n    exec({wait!r})\n{EULER}"
-    handed_in.write(tmp_path / "in" / "a.ipynb", only(once))
-    handed_in.write(tmp_path / "in" / "b.ipynb", only(f"{wait}\n{EULER}"))
+    hand_in(tmp_path, once)
+    folder = hand_in(tmp_path, f"{wait}\n{EULER}", "b")
     graded, patient = threading.Event(), Limits(seconds=40, gigabytes=1)
 
     def kill():
@@ -150,8 +139,8 @@ def test_a_killed_process_is_tried_again(grade, tmp_path):
     killer = threading.Thread(target=kill)
     killer.start()
     try:
-        rows = grade(tmp_path / "in", limits=patient)
-        again = grade(tmp_path / "in", limits=patient).values()
+        rows = grade(folder, limits=patient)
+        again = grade(folder, limits=patient).values()
     finally:
         graded.set()
         killer.join()
@@ -164,8 +153,8 @@ def test_a_killed_process_is_tried_again(grade, tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGXCPU")
 def test_an_answer_that_ignores_its_time_is_not_tried_again(grade, tmp_path):
     endless = "import signal\nsignal.signal(signal.SIGXCPU, signal.SIG_IGN)\nwhile True: pass"
-    handed_in.write(tmp_path / "in" / "a.ipynb", only(f"{endless}\n{EULER}"))
-    rows = grade(tmp_path / "in", limits=Limits(seconds=0.5, gigabytes=1))
+    folder = hand_in(tmp_path, f"{endless}\n{EULER}")
+    rows = grade(folder, limits=Limits(seconds=0.5, gigabytes=1))
     mark = rows["a.ipynb"].marked.marks[0]
     assert "longer than 0.5 seconds" in mark.sentence
     assert mark.sure
@@ -199,9 +188,9 @@ for number in (parent(keeper), keeper):
 def test_a_harmful_answer_costs_its_own_points(grade, tmp_path, monkeypatch):
     monkeypatch.setattr(isolation, "_MESSAGE_SECONDS", 0.5)
     for name, code in HARMFUL.items():
-        handed_in.write(tmp_path / "in" / f"{name}.ipynb", only(f"{code}\n{EULER}"))
-        handed_in.write(tmp_path / "in" / f"{name}, honest.ipynb", only(EULER))
-    rows = grade(tmp_path / "in", limits=Limits(seconds=1, gigabytes=1), workers=2)
+        hand_in(tmp_path, f"{code}\n{EULER}", name)
+        folder = hand_in(tmp_path, EULER, f"{name}, honest")
+    rows = grade(folder, limits=Limits(seconds=1, gigabytes=1), workers=2)
     assert len(rows) == 2 * len(HARMFUL)
     assert all(points(row) == POINTS for name, row in rows.items() if "honest" in name)
     assert all(row.marked.marks for row in rows.values())
@@ -221,14 +210,12 @@ for _ in range(30):
         shutil.rmtree(os.path.join(place, name), ignore_errors=True)
     time.sleep(0.05)
 """
-    keep = (
-        "torch.save(1, 'one')\n    import time\n    time.sleep(0.5)\n    x = x0 * torch.load('one')"
-    )
-    handed_in.write(tmp_path / "in" / "delete.ipynb", only(f"{delete}\n{EULER}"))
-    handed_in.write(tmp_path / "in" / "honest.ipynb", only(EULER.replace("x = x0", keep)))
-    rows = grade(tmp_path / "in", limits=Limits(seconds=5, gigabytes=1), workers=2)
-    assert points(rows["honest.ipynb"]) == POINTS
-    assert points(rows["delete.ipynb"]) == POINTS
+    keep = "torch.save(1, 'one')\n    import time\n    time.sleep(0.5)\n"
+    keep += "    x = x0 * torch.load('one')"
+    hand_in(tmp_path, f"{delete}\n{EULER}", "delete")
+    folder = hand_in(tmp_path, EULER.replace("x = x0", keep), "honest")
+    rows = grade(folder, limits=Limits(seconds=5, gigabytes=1), workers=2)
+    assert points(rows["honest.ipynb"]) == points(rows["delete.ipynb"]) == POINTS
     assert capfd.readouterr() == ("", "")
 
 
@@ -252,22 +239,22 @@ def test_a_long_line_is_searched_once(tmp_path):
 
 
 def test_forged_results_are_not_believed(grade, tmp_path):
-    handed_in.write(tmp_path / "in" / "a.ipynb", only("def euler(*a):\n    return 1"))
-    assert points(grade(tmp_path / "in")["a.ipynb"]) == [0]
+    folder = hand_in(tmp_path, "def euler(*a):\n    return 1")
+    assert points(grade(folder)["a.ipynb"]) == [0]
     (stored,) = (tmp_path / "grades" / ".known").iterdir()
     stored.write_text(stored.read_text().replace('"points": 0', '"points": 4'))
-    row = grade(tmp_path / "in")["a.ipynb"]
+    row = grade(folder)["a.ipynb"]
     assert (points(row), row.kept) == ([0], False)
-    assert grade(tmp_path / "in")["a.ipynb"].kept
+    assert grade(folder)["a.ipynb"].kept
 
 
 def test_masters_that_are_none(grade, tmp_path):
-    handed_in.write(tmp_path / "in" / "a.ipynb", only(EULER))
+    folder = hand_in(tmp_path, EULER)
     with pytest.raises(ValueError, match="there is no master notebook"):
-        grade(tmp_path / "in", masters=tmp_path)
+        grade(folder, masters=tmp_path)
     handed_in.write(tmp_path / "hw1.ipynb", only(EULER))
     with pytest.raises(ValueError, match=r"hw1\.ipynb has no hidden tests"):
-        grade(tmp_path / "in", masters=tmp_path)
+        grade(folder, masters=tmp_path)
     assert not (tmp_path / "grades.csv").exists()
 
 
@@ -299,8 +286,7 @@ except OSError as error:
     large = error.strerror
 def euler(*a):
     raise ValueError(f"{{sorted(known)}} {{seen}} {{large}}")"""
-    handed_in.write(tmp_path / "in" / "a.ipynb", only(answer))
-    sentence = grade(tmp_path / "in")["a.ipynb"].marked.marks[0].sentence
+    sentence = grade(hand_in(tmp_path, answer))["a.ipynb"].marked.marks[0].sentence
     known = re.search(r"\[.*?\]", sentence)[0]
     assert not {"COTLEARN_GRADING_KEY", "PYTEST_CURRENT_TEST"} & set(ast.literal_eval(known)), known
     assert sentence.endswith("] 0 File too large")

@@ -10,23 +10,16 @@ from pathlib import Path
 import handed_in
 import pytest
 from handed_in import EULER
+from waiting import soon, until
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
 CODES = {130, -signal.SIGINT}  # the same for a shell
-START = 120  # seconds, on a very busy machine
+NUMBERS = [signal.SIGINT, signal.SIGKILL]
 # Before this file is there, Ctrl-C meets Python's own start and not the command.
 BEGIN = """import runpy, signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a `make test &` ignores Ctrl-C
 open("up", "w").close()
 runpy.run_module("cotlearn", run_name="__main__", alter_sys=True)"""
-
-
-def soon():
-    """Three seconds, or as much longer as this machine is busy."""
-    return 3 * max(1, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
 def alive(mark):
@@ -42,11 +35,13 @@ def alive(mark):
     return found
 
 
-def until(condition):
-    deadline = time.monotonic() + START
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+def check_end(tmp_path, code, begun, codes=CODES):
+    """A process ended soon after `begun`, said no traceback, and left nobody behind."""
+    assert time.monotonic() - begun < soon()
+    text = (tmp_path / "said").read_text()
+    assert code in codes, text
+    assert "Traceback" not in text
+    until(lambda: not alive(str(tmp_path)))
 
 
 @pytest.fixture
@@ -79,8 +74,9 @@ def running(begun, tmp_path, environment):
 
     def start(words):
         process = begun(words, environment)
-        until(lambda: (tmp_path / "begun").exists() or not process.is_alive())
-        assert (tmp_path / "begun").exists(), (tmp_path / "said").read_text()
+        begins = (tmp_path / "begun").exists
+        until(lambda: begins() or not process.is_alive())
+        assert begins(), (tmp_path / "said").read_text()
         return process
 
     return start
@@ -97,7 +93,7 @@ def sleeper(tmp_path):
 
 
 @pytest.mark.parametrize("command", ["grade", "check"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", NUMBERS)
 def test_an_end_in_an_answer(tmp_path, running, command, number):
     path = sleeper(tmp_path)
     process = running([command, str(path.parent if command == "grade" else path)])
@@ -106,17 +102,14 @@ def test_an_end_in_an_answer(tmp_path, running, command, number):
     begun = time.monotonic()
     os.kill(process.pid, number)
     process.join(60)
-    text = (tmp_path / "said").read_text()
     if number == signal.SIGINT:
-        assert time.monotonic() - begun < soon()
-        assert process.exitcode in CODES, text
-        assert "Traceback" not in text
+        check_end(tmp_path, process.exitcode, begun)
     until(lambda: not alive(str(tmp_path)))
     assert time.monotonic() - begun < 3 * soon()
     assert not list(tmp_path.glob("cotlearn-*"))
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", NUMBERS)
 @pytest.mark.parametrize("words", ["run a.ipynb --inplace", "homework"])
 def test_an_end_of_what_has_children(tmp_path, running, words, number):
     """A kernel that waits, and otter that waits; what was there before stays as it is."""
@@ -131,23 +124,18 @@ def test_an_end_of_what_has_children(tmp_path, running, words, number):
     begun = time.monotonic()
     os.kill(process.pid, number)
     process.join(60)
-    assert time.monotonic() - begun < soon()
-    text = (tmp_path / "said").read_text()
-    assert process.exitcode in (CODES if number == signal.SIGINT else {-number}), text
-    assert "Traceback" not in text
-    assert (tmp_path / "a.ipynb").read_bytes() == before
     if number == signal.SIGKILL:
         (tmp_path / "enough").touch()  # nothing ends otter then but its own last line
-    until(lambda: not alive(str(tmp_path)))
+    codes = CODES if number == signal.SIGINT else {-number}
+    check_end(tmp_path, process.exitcode, begun, codes)
+    assert (tmp_path / "a.ipynb").read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    ("words", "seconds"),
-    [
-        *(("grade in", 1), ("grade in", 3.5), ("check in/hw1.ipynb", 2)),
-        *(("progress", 0.3), ("run 01", 0.7), ("run 01", 2.5)),
-    ],
-)
+MOMENTS = [("grade in", 1), ("grade in", 3.5), ("check in/hw1.ipynb", 2), ("progress", 0.3)]
+MOMENTS += [("run 01", 0.7), ("run 01", 2.5)]
+
+
+@pytest.mark.parametrize(("words", "seconds"), MOMENTS)
 def test_an_end_at_any_moment(tmp_path, started, words, seconds):
     """While it loads the command, torch, or the server of answers, and in the first answer."""
     sleeper(tmp_path)
@@ -158,8 +146,4 @@ def test_an_end_at_any_moment(tmp_path, started, words, seconds):
     begun = time.monotonic()
     process.send_signal(signal.SIGINT)
     process.wait(60)
-    assert time.monotonic() - begun < soon()
-    text = (tmp_path / "said").read_text()
-    assert process.returncode in CODES, text
-    assert "Traceback" not in text
-    until(lambda: not alive(str(tmp_path)))
+    check_end(tmp_path, process.returncode, begun)

@@ -19,6 +19,12 @@ def marked(tmp_path, notebook, *, name="hw1.ipynb", hidden=False, limits=LIMITS)
     return mark(tmp_path / name, limits=limits, hidden=hidden)
 
 
+def of_euler(tmp_path, source, **options):
+    """The mark of one answer among right ones."""
+    notebook = handed_in.homework(handed_in.answers(euler=source), **options)
+    return marked(tmp_path, notebook).marks[1]
+
+
 def verdicts(result):
     return [item.verdict for item in result.marks]
 
@@ -42,8 +48,7 @@ def test_stubs_get_none(name):
     path = assignments.find(name).path.parent / "student" / f"{name}.ipynb"
     found = mark(path, hidden=True)
     assert set(verdicts(found)) == {"not attempted yet"}
-    assert found.points == 0
-    assert found.note == ""
+    assert (found.points, found.note) == (0, "")
 
 
 def test_half_done(tmp_path):
@@ -68,11 +73,8 @@ def test_cells_of_ones_own_cost_nothing(tmp_path):
 
 
 def test_a_helper_that_fails_is_named(tmp_path):
-    extra = ("half = 1 / 0",)
     source = EULER.replace("x = x0", "x = x0 * 2 * half")
-    found = marked(
-        tmp_path, handed_in.homework(handed_in.answers(euler=source), extra=extra)
-    ).marks[1]
+    found = of_euler(tmp_path, source, extra=("half = 1 / 0",))
     assert found.sentence.startswith("cell 2 of the notebook, which this answer uses, line 1,")
     assert "raised ZeroDivisionError" in found.sentence
 
@@ -87,16 +89,13 @@ def test_an_answer_cell_is_deleted(tmp_path):
 
 
 def test_an_answer_is_renamed(tmp_path):
-    source = EULER.replace("def euler", "def my_euler")
-    found = marked(tmp_path, handed_in.homework(handed_in.answers(euler=source))).marks[1]
-    assert found.sentence == (
-        "the answer must be called euler, and your cell defines my_euler: give it its name back"
-    )
+    found = of_euler(tmp_path, EULER.replace("def euler", "def my_euler"))
+    said = "the answer must be called euler, and your cell defines my_euler: give it its name back"
+    assert found.sentence == said
 
 
 def test_an_answer_is_no_python(tmp_path):
-    notebook = handed_in.homework(handed_in.answers(euler=EULER.replace("nfe):", "nfe)")))
-    found = marked(tmp_path, notebook).marks[1]
+    found = of_euler(tmp_path, EULER.replace("nfe):", "nfe)"))
     assert found.sentence.startswith("cell 4 is not Python that can be read: line 1:")
 
 
@@ -129,7 +128,6 @@ def test_another_version_is_noted(tmp_path):
 
 
 def test_exercises_of_the_course_are_marked_in_the_same_way():
-    course = assignments.find("02").path
-    found = mark(course)
+    found = mark(assignments.find("02").path)
     assert verdicts(found) == ["not attempted yet"] * 3
     assert found.out_of == 0

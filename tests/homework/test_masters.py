@@ -40,17 +40,17 @@ def test_they_are_numbered():
     assert len(MASTERS) >= 4
 
 
-@pytest.mark.parametrize("master", MASTERS, ids=lambda path: path.stem)
+each_master = pytest.mark.parametrize("master", MASTERS, ids=lambda path: path.stem)
+
+
+@each_master
 def test_the_student_version_is_that_of_the_master(master):
     stamp = json.loads(student(master).read_text(encoding="utf-8"))["metadata"]["cotlearn"]
-    assert stamp == {
-        "assignment": master.stem,
-        "version": cotlearn.__version__,
-        "master": release.fingerprint(master),
-    }, "run: make homework"
+    made = {"assignment": master.stem, "version": cotlearn.__version__}
+    assert stamp == {**made, "master": release.fingerprint(master)}, "run: make homework"
 
 
-@pytest.mark.parametrize("master", MASTERS, ids=lambda path: path.stem)
+@each_master
 def test_students_see_no_solution_and_no_hidden_test(master):
     text = student(master).read_text(encoding="utf-8")
     for word in ("SOLUTION", "BEGIN TEST", "hidden: ", "seed = "):
@@ -63,11 +63,10 @@ def test_students_see_no_solution_and_no_hidden_test(master):
             assert cell.source.rstrip().endswith("...")
 
 
-@pytest.mark.parametrize("master", MASTERS, ids=lambda path: path.stem)
+@each_master
 def test_questions_have_checks_and_seeded_tests(master):
-    known = set(exercises())
     for question in assignments.read(master, master.stem).questions:
-        assert question.name in known
+        assert question.name in exercises()
         assert len(question.tests) >= 2
         for test in question.tests:
             assert "    seed = " in test.source

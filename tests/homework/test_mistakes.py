@@ -17,11 +17,8 @@ PATHS = sorted(Path(__file__).parent.glob("mistakes_*.py"))
 MODULES = [importlib.import_module(path.stem) for path in PATHS]
 MISTAKES = [item for module in MODULES for item in module.MISTAKES]
 RIGHT = [item for module in MODULES for item in getattr(module, "RIGHT", [])]
-QUESTIONS = {
-    question.name: question
-    for path in assignments.masters()
-    for question in assignments.read(path, path.stem).questions
-}
+MASTERS = [assignments.read(path, path.stem) for path in assignments.masters()]
+QUESTIONS = {question.name: question for master in MASTERS for question in master.questions}
 
 
 @pytest.mark.parametrize(("name", "answer", "hint"), MISTAKES)
@@ -63,9 +60,7 @@ def test_a_self_test_of_dots_is_not_attempted():
     assert judge(dots, "00.self_test")[0] is Verdict.NOT_ATTEMPTED
 
 
-@pytest.mark.parametrize(
-    ("name", "answer"), [item[:2] for item in MISTAKES if item[0] in QUESTIONS]
-)
+@pytest.mark.parametrize(("name", "answer"), [m[:2] for m in MISTAKES if m[0] in QUESTIONS])
 def test_a_mistake_fails_a_hidden_test(name, answer):
     failed = 0
     for test in QUESTIONS[name].tests:

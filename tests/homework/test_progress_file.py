@@ -21,10 +21,8 @@ def test_verdicts_are_kept(path):
     progress.remember({"01.a": "correct", "01.b": "not yet"})
     progress.remember({"01.a": "not attempted yet", "01.b": "correct"})
     known = progress.read()
-    assert {name: item["verdict"] for name, item in known.items()} == {
-        "01.a": "correct",
-        "01.b": "correct",
-    }
+    assert known.keys() == {"01.a", "01.b"}
+    assert {item["verdict"] for item in known.values()} == {"correct"}
     assert known["01.a"]["when"][:2] == "20"
 
 

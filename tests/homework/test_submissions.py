@@ -19,30 +19,26 @@ def needed(submission, name):
 
 
 def test_an_answer_brings_what_it_uses(tmp_path):
-    found = read(
-        tmp_path,
-        "import torch",
-        "import numpy as np",
-        "scale = 2",
-        "def helper(x):\n    return scale * x",
-        "while True:\n    pass",
-        "def answer(x):\n    return torch.ones(1) * helper(x)",
-        "1 / 0",
-    )
+    imports = "import torch", "import numpy as np"
+    helper = "scale = 2", "def helper(x):\n    return scale * x"
+    answer = "def answer(x):\n    return torch.ones(1) * helper(x)"
+    found = read(tmp_path, *imports, *helper, "while True:\n    pass", answer, "1 / 0")
     assert needed(found, "answer") == [1, 3, 4, 6]
 
 
-def test_the_last_definition_before_counts(tmp_path):
-    found = read(tmp_path, "a = 1", "a = 2", "def f():\n    return a", "a = 3")
-    assert needed(found, "f") == [2, 3]
+F = "def f():\n    return a"
 
 
-def test_a_definition_after_counts_if_there_is_none_before(tmp_path):
-    assert needed(read(tmp_path, "def f():\n    return a", "a = 3"), "f") == [1, 2]
-
-
-def test_an_answer_that_changes_itself_brings_both(tmp_path):
-    assert needed(read(tmp_path, "f = 1", "f = f + 1"), "f") == [1, 2]
+@pytest.mark.parametrize(
+    ("cells", "numbers"),
+    [
+        (("a = 1", "a = 2", F, "a = 3"), [2, 3]),  # the last definition before counts
+        ((F, "a = 3"), [1, 2]),  # one after counts if there is none before
+        (("f = 1", "f = f + 1"), [1, 2]),  # an answer that changes itself brings both
+    ],
+)
+def test_the_definition_that_counts(tmp_path, cells, numbers):
+    assert needed(read(tmp_path, *cells), "f") == numbers
 
 
 @pytest.mark.parametrize(
@@ -72,10 +68,11 @@ def test_lines_of_ipython_are_left_out():
     assert submissions.python_only("%%time\nx = 1") == "\nx = 1"
 
 
-@pytest.mark.parametrize(
-    "content",
-    [b"", b"hello", b"{}", b"[]", b"null", b'{"cells": 3}', b"\xff\xfe\x00", b'{"cells": [1]}'],
-)
+BROKEN = [b"", b"hello", b"{}", b"[]", b"null", b'{"cells": 3}', b"\xff\xfe\x00", b'{"cells": [1]}']
+BROKEN += [b'z"cells": [], "nbformat": 4}', b'{"cells": [], "nbformat": 4|']
+
+
+@pytest.mark.parametrize("content", BROKEN)
 def test_what_is_no_notebook(tmp_path, content):
     path = tmp_path / "hw 1 é.ipynb"
     path.write_bytes(content)

@@ -17,25 +17,16 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 READERS = ("cotlearn", "notebooks", "docs", "benchmarks", "release", "README.md", "course.py")
 #: Called by torch, gymnasium, pytest or the standard library.
-PROTOCOL = {
-    "forward",
-    "reset",
-    "step",
-    "render",
-    "close",
-    "find_spec",
-    "create_module",
-    "exec_module",
-}
+PROTOCOL = {"forward", "reset", "step", "render", "close"}
+PROTOCOL |= {"find_spec", "create_module", "exec_module"}
 #: What is random can be repeated by whoever wants to.
 RANDOMNESS = {"seed", "generator"}
 #: What files that were saved before may hold.
 STORED = {("DDPMSampler", "levels")}
 #: Typer's functions are called with what is typed.
 COMMANDS = ROOT / "cotlearn" / "cli"
-_BLOCK = re.compile(
-    r"```(?:\{code-cell\}|python)[^\n]*\n(.*?)```|((?:^    [^\n]*\n+)+)", re.S | re.M
-)
+_FENCED = r"```(?:\{code-cell\}|python)[^\n]*\n(.*?)```"
+_BLOCK = re.compile(rf"{_FENCED}|((?:^    [^\n]*\n+)+)", re.S | re.M)
 
 Option = tuple[str, str]  #: name of a function, class or method, and of its argument
 
@@ -64,7 +55,6 @@ class Definition:
     name: str
     options: dict[str, int]
     bases: tuple[str, ...] = ()
-    called_by_name: bool = True
 
 
 def sources() -> Iterator[tuple[Path, str]]:
@@ -75,16 +65,13 @@ def sources() -> Iterator[tuple[Path, str]]:
             if path.suffix == ".py":
                 yield path, path.read_text("utf-8")
             elif path.suffix == ".ipynb":
-                cells = json.loads(path.read_text("utf-8"))["cells"]
-                for cell in cells:
-                    if cell["cell_type"] == "code":
-                        lines = "".join(cell["source"]).splitlines()
-                        yield (
-                            path,
-                            "\n".join(x for x in lines if not x.lstrip().startswith(("%", "!"))),
-                        )
-                    else:
-                        yield from ((path, block) for block in _blocks("".join(cell["source"])))
+                for cell in json.loads(path.read_text("utf-8"))["cells"]:
+                    text = "".join(cell["source"])
+                    code = [x for x in text.splitlines() if not x.lstrip().startswith(("%", "!"))]
+                    is_code = cell["cell_type"] == "code"
+                    yield from (
+                        (path, b) for b in (["\n".join(code)] if is_code else _blocks(text))
+                    )
             elif path.suffix == ".md":
                 yield from ((path, block) for block in _blocks(path.read_text("utf-8")))
 
@@ -237,9 +224,8 @@ def _class(where: str, node: ast.ClassDef) -> Iterator[Definition]:
             elif method.name[0] != "_" and method.name not in PROTOCOL:
                 is_property = any(_called(d) == "property" for d in method.decorator_list)
                 skip = 0 if any(_called(d) == "staticmethod" for d in method.decorator_list) else 1
-                yield Definition(
-                    where, method.name, {} if is_property else _options(method.args, skip)
-                )
+                own = {} if is_property else _options(method.args, skip)
+                yield Definition(where, method.name, own)
     yield Definition(where, node.name, options, bases)
 
 

@@ -24,13 +24,8 @@ def code(cells):
 
 def heading(cells, text):
     """Returns the index of the one cell with the heading `text`."""
-    lines = [
-        i
-        for i, cell in enumerate(cells)
-        if cell.cell_type == "markdown"
-        for line in prose(cell).splitlines()
-        if line == text
-    ]
+    texts = [(i, prose(cell)) for i, cell in enumerate(cells) if cell.cell_type == "markdown"]
+    lines = [i for i, words in texts for line in words.splitlines() if line == text]
     assert len(lines) == 1, f"expected one heading {text!r}, found {len(lines)}"
     return lines[0]
 
@@ -93,10 +88,8 @@ LESSONS = ("08", "10", "11", "13", "14")  #: with a table that is made before
 def folded(cell):
     """Whether a cell shows one line of summary, on the site and in JupyterLab."""
     data = cell.metadata
-    on_site = "hide-input" in data.get("tags", []) and data.get("mystnb", {}).get(
-        "code_prompt_show"
-    )
-    return bool(on_site and data.get("jupyter", {}).get("source_hidden"))
+    hidden = "hide-input" in data.get("tags", []), data.get("jupyter", {}).get("source_hidden")
+    return all(hidden) and bool(data.get("mystnb", {}).get("code_prompt_show"))
 
 
 def test_claims_are_folded(cells, extra):
@@ -109,12 +102,10 @@ def test_claims_are_folded(cells, extra):
 
 def test_imports_are_folded(cells):
     """A page begins with what it is about, and not with the names that it needs."""
-    opening = itertools.takewhile(
-        lambda item: item[1].source.startswith(("import ", "from ")), code(cells)
-    )
-    numbers = [i for i, _ in opening]
-    assert numbers, "the first cell of code imports nothing"
-    for i in numbers:
+    starts = ("import ", "from ")
+    opening = list(itertools.takewhile(lambda x: x[1].source.startswith(starts), code(cells)))
+    assert opening, "the first cell of code imports nothing"
+    for i, _ in opening:
         assert folded(cells[i]), f"cell {i} is not folded"
 
 

@@ -35,19 +35,14 @@ def test_paths_from_above_show_pillars_goal_and_modes():
 def test_twelve_modes_can_be_told_apart():
     ax = plots.arm_paths(paths(12, AVOID), AVOID, modes=np.arange(12))
     assert len(ax.patches) == 6
-    looks = {
-        (tuple(part.get_color()[0]), str(part.get_linestyle()))
-        for part in ax.collections
-        if isinstance(part, LineCollection)
-    }
-    assert len(looks) == 12
+    lines = [part for part in ax.collections if isinstance(part, LineCollection)]
+    assert len({(tuple(part.get_color()[0]), str(part.get_linestyle())) for part in lines}) == 12
 
 
 def test_paths_in_space():
     ax = plots.arm_paths_3d(paths(), STATE, modes=[0, 0, 2, -1, 1], labels=MODES["ring"])
     assert ax.name == "3d"
-    assert ax.get_zlim()[0] == 0
-    assert ax.get_zlim()[1] > STATE[9]
+    assert ax.get_zlim()[0] == 0 < STATE[9] < ax.get_zlim()[1]
     names = [text.get_text() for text in ax.get_legend().get_texts()]
     assert names == ["failed", "left", "right", "over"]
     ax.figure.canvas.draw()

@@ -16,19 +16,12 @@ POINTS = torch.zeros(4, 2)
 @pytest.mark.parametrize("kind", ["none", "one-hot", "classes", "continuous", "vector"])
 def test_scatter_takes_every_form_of_condition(cloud, kind, as_numpy):
     x, _, one_hot = cloud
-    c = {
-        "none": None,
-        "one-hot": one_hot,
-        "classes": one_hot.argmax(1),
-        "continuous": x[:, :1],
-        "vector": x[:, 0],
-    }[kind]
+    known = {"none": None, "one-hot": one_hot, "classes": one_hot.argmax(1)}
+    c = {**known, "continuous": x[:, :1], "vector": x[:, 0]}[kind]
     if as_numpy:
         x, c = x.numpy(), None if c is None else c.numpy()
     ax = plots.scatter(x, c, legend=True)
-    assert isinstance(ax, Axes)
-    drawn = sum(len(artist.get_offsets()) for artist in ax.collections)
-    assert drawn == 60
+    assert sum(len(artist.get_offsets()) for artist in ax.collections) == 60
     assert ax.get_xlabel()
     assert ax.get_ylabel()
 
@@ -62,8 +55,7 @@ def test_shared_panels_are_labelled_on_the_outside_only(cloud):
 
 def test_panels():
     figure, axes = plots.panels(5, columns=3)
-    assert len(axes) == 5
-    assert len(figure.axes) == 5
+    assert len(axes) == len(figure.axes) == 5
 
 
 def test_pair_lines_join_the_partners(cloud):
@@ -76,23 +68,17 @@ def test_pair_lines_join_the_partners(cloud):
 
 def test_paired_source_and_source_given_condition(cloud):
     x0, _, c = cloud
-    assert isinstance(plots.paired_source(x0, c, legend=True), Axes)
-    assert isinstance(plots.paired_source(x0, x0[:, :1], legend=True), Axes)
+    for condition in (c, x0[:, :1]):
+        assert isinstance(plots.paired_source(x0, condition, legend=True), Axes)
     axes = plots.source_given_condition(x0, c, title="naive", labels=["a", "b", "c"])
-    assert len(axes) == 3
     assert [len(ax.collections[1].get_offsets()) for ax in axes] == [20, 20, 20]
 
 
 def test_trajectories_draw_one_path_a_sample(cloud):
     path = torch.stack([cloud[0], cloud[1], cloud[1] + 1])
-    ax = plots.trajectories(path, cloud[2])
-    assert len(ax.collections[-1].get_segments()) == 60
-    assert np.allclose(ax.collections[-1].get_segments()[7], path[:, 7].numpy())
-
-
-def test_source_given_a_condition_needs_classes():
-    with pytest.raises(ValueError, match="c must be discrete"):
-        plots.source_given_condition(POINTS, POINTS[:, :1])
+    lines = plots.trajectories(path, cloud[2]).collections[-1].get_segments()
+    assert len(lines) == 60
+    assert np.allclose(lines[7], path[:, 7].numpy())
 
 
 @pytest.mark.parametrize(
@@ -102,6 +88,7 @@ def test_source_given_a_condition_needs_classes():
         (plots.scatter, [POINTS, torch.eye(3)], "c has shape .* one row for each of 4 points"),
         (plots.scatter, [POINTS, torch.randn(4, 2)], "not one-hot"),
         (plots.trajectories, [POINTS], r"shape \(times, n, 2\), got \(4, 2\)"),
+        (plots.source_given_condition, [POINTS, POINTS[:, :1]], "c must be discrete"),
     ],
 )
 def test_shapes_that_would_draw_something_else_are_refused(draw, arguments, words):

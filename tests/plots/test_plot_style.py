@@ -8,25 +8,10 @@ from cotlearn import plots
 from cotlearn.plots.style import CONDITION_MARKERS, readable
 
 METHOD_NAMES = {
-    "independent",
-    "minibatch_ot",
-    "conditional_ot",
-    "adaptive",
-    "stratified",
-    "residual",
-    "centred",
-    "semidiscrete",
-    "aligned",
-    "reflow",
-    "reflow_inverted",
-    "mean_flow",
-    "mean_flow_residual",
-    "shortcut",
-    "two_passes",
-    "diffusion",
-    "diffusion_residual",
-    "behaviour_cloning",
-    "truth",
+    *("independent", "minibatch_ot", "conditional_ot", "adaptive", "stratified", "residual"),
+    *("centred", "semidiscrete", "aligned", "reflow", "reflow_inverted", "mean_flow"),
+    *("mean_flow_residual", "shortcut", "two_passes", "diffusion", "diffusion_residual"),
+    *("behaviour_cloning", "truth"),
 }
 
 

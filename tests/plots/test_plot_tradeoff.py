@@ -14,26 +14,18 @@ from cotlearn import diagnostics, plots
 from cotlearn.couplings import Independent, MinibatchOT
 
 
-def frontier_point(name, coupling, skew=0.1, variance=1.0, width=0.02):
-    return SimpleNamespace(
-        name=name,
-        coupling=coupling,
-        skew=skew,
-        skew_interval=(skew - width, skew + width),
-        one_step_variance=variance,
-        one_step_variance_interval=(variance - width, variance + width),
-    )
+def point(name, coupling, skew=0.1, variance=1.0, width=0.02):
+    found = {"skew": skew, "one_step_variance": variance}
+    intervals = {f"{key}_interval": (value - width, value + width) for key, value in found.items()}
+    return SimpleNamespace(name=name, coupling=coupling, **found, **intervals)
 
 
 CROWDED = [
-    frontier_point("independent", "independent", 0.001, 4.0),
-    frontier_point("naive OT", "minibatch_ot", 0.48, 0.1),
-    *(
-        frontier_point(f"COT x {10**k}", "conditional_ot", 0.2 / 10**k, 0.4 + k / 10)
-        for k in range(5)
-    ),
-    frontier_point("adaptive", "adaptive", 0.001, 0.9),
-    frontier_point("stratified", "stratified", 0.002, 0.7),
+    point("independent", "independent", 0.001, 4.0),
+    point("naive OT", "minibatch_ot", 0.48, 0.1),
+    *(point(f"COT x {10**k}", "conditional_ot", 0.2 / 10**k, 0.4 + k / 10) for k in range(5)),
+    point("adaptive", "adaptive", 0.001, 0.9),
+    point("stratified", "stratified", 0.002, 0.7),
 ]
 
 
@@ -43,9 +35,9 @@ def test_frontier_draws_each_coupling_once_with_its_intervals():
     signs = {look.marker for look in plots.LOOKS.values()}
     markers = [line for line in ax.get_lines() if line.get_marker() in signs]
     drawn = {(float(m.get_xdata()[0]), float(m.get_ydata()[0])) for m in markers}
-    assert drawn == {(point.skew, point.one_step_variance) for point in CROWDED}
+    assert drawn == {(p.skew, p.one_step_variance) for p in CROWDED}
     colours = {to_hex(m.get_color()).upper() for m in markers}
-    assert colours == {plots.COLORS[point.coupling].upper() for point in CROWDED}
+    assert colours == {plots.COLORS[p.coupling].upper() for p in CROWDED}
     words = {text.get_text() for text in ax.texts}
     assert words >= {"naive OT\nerror 1.2", "C2OT", "independent"}
     bars = [artist for artist in ax.collections if isinstance(artist, LineCollection)]
@@ -76,9 +68,8 @@ def test_frontier_joins_the_names_of_a_curve_in_their_order():
 def test_frontier_takes_what_the_diagnostics_return_and_uses_the_given_axes():
     g = torch.Generator().manual_seed(0)
     x, c = torch.randn(400, 2, generator=g), torch.eye(2)[torch.arange(400) % 2]
-    found = diagnostics.frontier(
-        x, c, {"a": Independent(), "b": MinibatchOT()}, rows=512, progress=False
-    )
+    couplings = {"a": Independent(), "b": MinibatchOT()}
+    found = diagnostics.frontier(x, c, couplings, rows=512, progress=False)
     _, ax = plt.subplots()
     assert plots.frontier(found, ax=ax, title="here") is ax
     assert ax.get_title(loc="left") == "here"

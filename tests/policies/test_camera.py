@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -10,32 +11,19 @@ from cotlearn.couplings.base import generator_for
 from cotlearn.flows.diffusion import Diffusion
 from cotlearn.flows.matching import conditional_flow_matching_loss
 from cotlearn.flows.solvers import integrate
+from cotlearn.policies import pixels
 from cotlearn.policies.comparison import choice
 from cotlearn.policies.comparison.choice import choose, with_choice
 from cotlearn.policies.methods import METHODS
-from cotlearn.policies.pixels import (
-    CameraLoss,
-    CameraNetwork,
-    Pixels,
-    TurnedMLP,
-    shifted,
-    turned_with_t,
-)
+from cotlearn.policies.pixels import CameraLoss, CameraNetwork, Pixels, TurnedMLP
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.samplers import FlowSampler
 from cotlearn.policies.settings import SETTINGS
 from cotlearn.policies.training import Options, train
 
-SMALL = Options(
-    steps=4,
-    batch_size=16,
-    width=16,
-    blocks=1,
-    clusters=20,
-    ot_batch_size=32,
-    condition_weight=1.0,
-    camera=Pixels(size=16, features=3, components=4, condition_clusters=5),
-)
+CAMERA = Pixels(size=16, features=3, components=4, condition_clusters=5)
+SMALL = Options(steps=4, batch_size=16, width=16, blocks=1, clusters=20, ot_batch_size=32)
+SMALL = replace(SMALL, condition_weight=1.0, camera=CAMERA)
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +52,8 @@ def test_a_network_that_sees(network, data):
     c, x = data.c[:6], torch.randn(6, network.dim, generator=torch.Generator().manual_seed(0))
     v = network(0.3, x, c)
     assert v.shape == x.shape
+    assert isinstance(network, CameraNetwork)
+    assert network.head.inner.condition_dim == 2 * (2 + 2) + 3
     features = network.encode(c)
     assert features.shape == (6, 4 + 3 + 4)
     assert torch.equal(network.head(0.3, x, features), v)
@@ -77,10 +67,11 @@ def test_a_network_that_sees(network, data):
 def test_seen_from_the_t(network, data, episodes):
     """As `BodyFrame` turns directions; and the inner network of `TurnedMLP` sees the same."""
     x, c = data.x1[:9], data.c[:9]
-    turned = turned_with_t(x, c, camera=network.camera, sign=-1)
+    turned = pixels.turned_with_t(x, c, camera=network.camera, sign=-1)
     for row, angle in enumerate(episodes.state[:9, 4]):
         assert torch.allclose(turned[row], _turn(x[row : row + 1], -angle)[0], atol=1e-4)
-    assert torch.allclose(turned_with_t(turned, c, camera=network.camera, sign=1), x, atol=1e-5)
+    back = pixels.turned_with_t(turned, c, camera=network.camera, sign=1)
+    assert torch.allclose(back, x, atol=1e-5)
 
 
 def test_the_pose_error_of_the_true_pose_is_zero(network, data, episodes):
@@ -116,20 +107,16 @@ def test_a_turned_world_gets_a_turned_velocity():
 
 def test_shifted_pictures():
     pictures = torch.arange(2 * 5 * 6 * 3).view(2, 5, 6, 3).to(torch.uint8)
-    assert shifted(pictures, 0) is pictures
+    assert pixels.shifted(pictures, 0) is pictures
     seen = set()
+    rows, columns = np.meshgrid(range(5), range(6), indexing="ij")
     for seed in range(60):
-        moved = shifted(pictures, 1, torch.Generator().manual_seed(seed))
-        rows, columns = np.meshgrid(range(5), range(6), indexing="ij")
+        moved = pixels.shifted(pictures, 1, torch.Generator().manual_seed(seed))
         for image, original in zip(moved, pictures, strict=True):
-            match = [
-                (down, right)
-                for down in (-1, 0, 1)
-                for right in (-1, 0, 1)
-                if torch.equal(
-                    image, original[(rows + down).clip(0, 4), (columns + right).clip(0, 5)]
-                )
-            ]
+            match = []
+            for down, right in product((-1, 0, 1), repeat=2):
+                found = original[(rows + down).clip(0, 4), (columns + right).clip(0, 5)]
+                match += [(down, right)] if torch.equal(image, found) else []
             assert len(match) == 1
             seen.update(match)
     assert len(seen) == 9
@@ -162,23 +149,17 @@ def test_one_look_for_a_chunk(network, windows, episodes):
 
 @pytest.mark.parametrize("method", SETTINGS["push-t-pixels"].methods)
 def test_every_method_trains_and_is_kept(episodes, method, tmp_path):
-    trained = train(method, episodes, options=SMALL, progress=False)
-    again = train(method, episodes, options=SMALL, progress=False)
-    for a, b in zip(
-        trained.policy.network.parameters(), again.policy.network.parameters(), strict=True
-    ):
-        assert torch.equal(a, b)
-    policy = trained.policy
+    made = [train(method, episodes, options=SMALL, progress=False).policy for _ in range(2)]
+    weights = zip(*(policy.network.parameters() for policy in made), strict=True)
+    assert all(torch.equal(a, b) for a, b in weights)
+    policy = made[0]
     history = np.repeat(episodes.state[:3, None], 2, axis=1)
     policy.save(tmp_path / "p.safetensors")
     back = ChunkPolicy.load(tmp_path / "p.safetensors")
     noise = policy.noise(3, torch.Generator().manual_seed(0))
     assert np.array_equal(policy.act(history, noise=noise), back.act(history, noise=noise))
-    assert set(back.fitted) == (
-        {"mean", "basis", "centroids"}
-        if method in ("conditional_ot", "stratified", "residual")
-        else set()
-    )
+    clusters = method in ("conditional_ot", "stratified", "residual")
+    assert set(back.fitted) == ({"mean", "basis", "centroids"} if clusters else set())
     assert all(torch.equal(back.fitted[name], policy.fitted[name]) for name in back.fitted)
     policy.save(tmp_path / "half.safetensors", half=True)
     near = ChunkPolicy.load(tmp_path / "half.safetensors")
@@ -225,8 +206,3 @@ def test_the_frontier_can_be_asked_for_pictures(episodes, monkeypatch):
     assert len(chosen["frontier"]) == 3
     balanced = replace(SMALL, condition_weight="balanced")
     assert with_choice("conditional_ot", None, balanced) is balanced  # COT Policy's rule
-
-
-def test_an_inner_network_of_the_right_size(network):
-    assert isinstance(network, CameraNetwork)
-    assert network.head.inner.condition_dim == 2 * (2 + 2) + 3

@@ -10,25 +10,16 @@ import cotlearn.robots  # noqa: F401  (registers the environment)
 from cotlearn.flows.diffusion import Diffusion
 from cotlearn.flows.networks import ResidualMLP, TemporalUNet, VelocityMLP
 from cotlearn.flows.solvers import integrate
+from cotlearn.policies import samplers
 from cotlearn.policies.policy import ChunkPolicy
-from cotlearn.policies.samplers import (
-    DDIMSampler,
-    DDPMSampler,
-    FlowSampler,
-    JumpSampler,
-    MeanSampler,
-)
+from cotlearn.policies.samplers import DDIMSampler, DDPMSampler, FlowSampler, MeanSampler
 from cotlearn.policies.windows import Windows
+from cotlearn.storage import save_tensors
 
 SAMPLERS = [
-    FlowSampler(2),
-    FlowSampler(2, "midpoint"),
-    DDPMSampler(10),
-    DDIMSampler(4),
-    MeanSampler(),
-    FlowSampler(2, prediction="data"),
-    DDIMSampler(2, spacing="trailing", prediction="data"),
-    DDPMSampler(10, prediction="velocity"),
+    *(FlowSampler(2), FlowSampler(2, "midpoint"), FlowSampler(2, prediction="data")),
+    *(DDIMSampler(4), DDIMSampler(2, spacing="trailing", prediction="data")),
+    *(DDPMSampler(10), DDPMSampler(10, prediction="velocity"), MeanSampler()),
 ]
 
 
@@ -61,26 +52,19 @@ def test_a_policy_acts(network, windows, history, sampler):
 
 
 def test_the_first_noise_is_the_same_for_all(network, windows):
-    draws = [
-        ChunkPolicy(network, windows, s).noise(3, torch.Generator().manual_seed(1))[0]
-        for s in SAMPLERS
-    ]
-    assert all(torch.equal(draws[0], other) for other in draws)
+    policies = [ChunkPolicy(network, windows, sampler) for sampler in SAMPLERS]
+    first, *draws = (p.noise(3, torch.Generator().manual_seed(1))[0] for p in policies)
+    assert all(torch.equal(first, other) for other in draws)
 
 
 def test_chunks_by_hand(network, windows, history):
     noise = torch.randn(1, 5, 32, generator=torch.Generator().manual_seed(0))
     c = windows.condition(history)
-    x = integrate(network, noise[0], c, nfe=4).x1
-    expected = windows.actions(x, history).clip(0, 512)
-    assert np.array_equal(
-        ChunkPolicy(network, windows, FlowSampler(4)).chunk(history, noise=noise), expected
-    )
-    x = Diffusion(100).ddim(network, noise[0], c, nfe=4)
-    expected = windows.actions(x, history).clip(0, 512)
-    assert np.array_equal(
-        ChunkPolicy(network, windows, DDIMSampler(4)).chunk(history, noise=noise), expected
-    )
+    by_flow = integrate(network, noise[0], c, nfe=4).x1
+    by_diffusion = Diffusion(100).ddim(network, noise[0], c, nfe=4)
+    for sampler, x in ((FlowSampler(4), by_flow), (DDIMSampler(4), by_diffusion)):
+        found = ChunkPolicy(network, windows, sampler).chunk(history, noise=noise)
+        assert np.array_equal(found, windows.actions(x, history).clip(0, 512))
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS, ids=str)
@@ -134,9 +118,10 @@ def test_latency_and_another_sampler(network, windows):
     assert slow.latency(repetitions=3) > 3 * policy.latency(repetitions=3)
 
 
-@pytest.mark.parametrize(
-    "other", [DDPMSampler(), FlowSampler(1, prediction="data"), MeanSampler(), JumpSampler(1)]
-)
+OTHER = [DDPMSampler(), FlowSampler(1, prediction="data"), MeanSampler(), samplers.JumpSampler(1)]
+
+
+@pytest.mark.parametrize("other", OTHER)
 def test_a_sampler_must_fit_the_training(network, windows, other):
     policy = ChunkPolicy(network, windows, FlowSampler(1))
     with pytest.raises(ValueError, match="sampler must be for the training 'flow, velocity', got"):
@@ -154,45 +139,26 @@ def test_a_policy_drives_gymnasiums_vector_environment(network, windows):
     worlds.close()
 
 
+NARROW, STATES = ResidualMLP(16, 12), np.zeros((3, 2, 5))
+
+
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("changes", "history", "noise", "message"),
     [
-        (
-            lambda w, n: ChunkPolicy(n, w, FlowSampler(), execute=17),
-            "execute must be at most the 16",
-        ),
-        (lambda w, n: ChunkPolicy(n, w, FlowSampler(), execute=0), "execute must be at least 1"),
-        (
-            lambda w, n: ChunkPolicy(ResidualMLP(16, 12), w, FlowSampler()),
-            "network has dim 16, but these windows need 32",
-        ),
-        (
-            lambda w, n: ChunkPolicy(VelocityMLP(32), w, FlowSampler()),
-            "network has condition_dim 0",
-        ),
-        (
-            lambda w, n: ChunkPolicy(n, w, FlowSampler()).act(np.zeros((3, 1, 5))),
-            r"history must have shape \(any, 2, 5\)",
-        ),
-        (
-            lambda w, n: ChunkPolicy(n, w, FlowSampler()).act(np.full((3, 2, 5), np.nan)),
-            "history has NaN",
-        ),
-        (
-            lambda w, n: ChunkPolicy(n, w, FlowSampler()).act(
-                np.zeros((3, 2, 5)), noise=torch.zeros(2, 3, 32)
-            ),
-            r"noise must have shape \(1, 3, 32\)",
-        ),
-        (
-            lambda w, n: ChunkPolicy(n, w, FlowSampler(3, "midpoint")).act(np.zeros((3, 2, 5))),
-            "nfe must be divisible by 2",
-        ),
+        ({"execute": 17}, None, None, "execute must be at most the 16"),
+        ({"execute": 0}, None, None, "execute must be at least 1"),
+        ({"network": NARROW}, None, None, "network has dim 16, but these windows need 32"),
+        ({"network": VelocityMLP(32)}, None, None, "network has condition_dim 0"),
+        ({}, STATES[:, :1], None, r"history must have shape \(any, 2, 5\)"),
+        ({}, STATES * np.nan, None, "history has NaN"),
+        ({}, STATES, torch.zeros(2, 3, 32), r"noise must have shape \(1, 3, 32\)"),
+        ({"sampler": FlowSampler(3, "midpoint")}, STATES, None, "nfe must be divisible by 2"),
     ],
 )
-def test_what_does_not_fit(windows, network, make, message):
+def test_what_does_not_fit(windows, network, changes, history, noise, message):
+    given = {"network": network, "windows": windows, "sampler": FlowSampler(), **changes}
     with pytest.raises(ValueError, match=message):
-        make(windows, network)
+        ChunkPolicy(**given).act(history, noise=noise)
 
 
 def test_a_network_that_went_wrong(windows, history):
@@ -206,13 +172,12 @@ def test_a_network_that_went_wrong(windows, history):
 def test_foreign_weights(windows, network, tmp_path):
     with pytest.raises(FileNotFoundError):
         ChunkPolicy.load(tmp_path / "none.safetensors")
-    save_file({"x": torch.zeros(3)}, tmp_path / "other_tool.safetensors")
+    path = tmp_path / "other.safetensors"
+    save_file({"x": torch.zeros(3)}, path)
     with pytest.raises(ValueError, match="damaged or was not written by cotlearn"):
-        ChunkPolicy.load(tmp_path / "other_tool.safetensors")
-    from cotlearn.storage import save_tensors
-
-    save_tensors(tmp_path / "other.safetensors", {"x": torch.zeros(3)}, {})
+        ChunkPolicy.load(path)
+    save_tensors(path, {"x": torch.zeros(3)}, {})
     with pytest.raises(ValueError, match="holds no policy"):
-        ChunkPolicy.load(tmp_path / "other.safetensors")
+        ChunkPolicy.load(path)
     with pytest.raises(TypeError, match="MeanVelocity to save it, got VelocityMLP"):
         ChunkPolicy(VelocityMLP(32, 12), windows, FlowSampler()).save(tmp_path / "x.safetensors")

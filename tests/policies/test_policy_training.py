@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from cotlearn import cli, plots
 from cotlearn.couplings import StratifiedOT, Transformed
+from cotlearn.flows import training
 from cotlearn.policies.comparison import choice, scores
 from cotlearn.policies.comparison.cells import Protocol, bench, read_record
 from cotlearn.policies.comparison.choice import choose, with_choice
@@ -24,26 +25,16 @@ from cotlearn.policies.training import Options, train
 from cotlearn.robots.episodes import write_lerobot
 from cotlearn.robots.push_t.definition import PUSH_T
 
-SMALL = Options(
-    steps=20,
-    batch_size=32,
-    width=16,
-    blocks=1,
-    clusters=20,
-    ot_batch_size=64,
-    reflow_pairs=100,
-    reflow_nfe=2,
-)
+SMALL = Options(steps=20, batch_size=32, width=16, blocks=1, clusters=20, ot_batch_size=64)
+SMALL = replace(SMALL, reflow_pairs=100, reflow_nfe=2)
 
 
 @pytest.fixture(autouse=True)
 def _little_to_score(monkeypatch):
     monkeypatch.setitem(vars(PUSH_T), "expert", lambda: SimpleNamespace(episode=_straight_on))
     monkeypatch.setattr(scores, "SCORED_STATES", 20)
-    monkeypatch.setattr(scores, "SCORED_SAMPLES", 2)
-    monkeypatch.setattr(scores, "MODE_STARTS", 2)
-    monkeypatch.setattr(scores, "MODE_DRAWS", 2)
-    monkeypatch.setattr(scores, "TRIALS", 2)
+    for name in ("SCORED_SAMPLES", "MODE_STARTS", "MODE_DRAWS", "TRIALS"):
+        monkeypatch.setattr(scores, name, 2)
     monkeypatch.setattr(scores, "rollout", _short)
     monkeypatch.setattr(choice, "FRONTIER_ROWS", 128)
     monkeypatch.setattr(choice, "FACTORS", (1.0, 100.0))
@@ -61,26 +52,21 @@ def _short(policy, **options):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_trains_and_acts(episodes, method, tmp_path):
-    trained = train(
-        method, episodes, options=SMALL, checkpoint=tmp_path / "c.safetensors", progress=False
-    )
+    checkpoint = tmp_path / "c.safetensors"
+    trained = train(method, episodes, options=SMALL, checkpoint=checkpoint, progress=False)
     assert math.isfinite(trained.history["loss"][-1])
     assert trained.seconds > 0
     history = np.repeat(episodes.state[:3, None], 2, axis=1)
     for sampler in trained.policy.sampler.variants:
         assert trained.policy.with_sampler(sampler).act(history).shape == (3, 8, 2)
     again = train(method, episodes, options=SMALL, progress=False)
-    for a, b in zip(
-        trained.policy.network.parameters(), again.policy.network.parameters(), strict=True
-    ):
-        assert torch.equal(a, b)
+    weights = zip(*(t.policy.network.parameters() for t in (trained, again)), strict=True)
+    assert all(torch.equal(a, b) for a, b in weights)
 
 
 def test_a_training_tells_its_coupling(episodes):
-    plain, about = (
-        train(method, episodes, options=SMALL, progress=False).coupling
-        for method in ("stratified", "centred")
-    )
+    methods = "stratified", "centred"
+    plain, about = (train(m, episodes, options=SMALL, progress=False).coupling for m in methods)
     assert isinstance(plain, StratifiedOT)
     assert isinstance(about, Transformed)
     c = torch.randn(5, 12, generator=torch.Generator().manual_seed(0))
@@ -109,23 +95,24 @@ def test_more_training_is_better(episodes):
         (lambda e: Options(steps=0), "steps must be at least 1"),
         (lambda e: Options(network="lstm"), "network must be one of mlp, unet"),
         (lambda e: Options(execute=17), "execute must be at most the 16 predicted"),
-        (
-            lambda e: train("conditional_ot", e, options=replace(SMALL, condition_weight=-1.0)),
-            "condition_weight must be at least 0",
-        ),
-        (
-            lambda e: train("stratified", e, options=replace(SMALL, clusters=None)),
-            "clusters must be an integer, got None",
-        ),
-        (
-            lambda e: train("stratified", e, options=Options(steps=2, clusters=10**6)),
-            "clusters must be at most",
-        ),
     ],
 )
 def test_bad_input(episodes, call, message):
     with pytest.raises(ValueError, match=message):
         call(episodes)
+
+
+@pytest.mark.parametrize(
+    ("method", "options", "message"),
+    [
+        ("conditional_ot", {"condition_weight": -1.0}, "condition_weight must be at least 0"),
+        ("stratified", {"clusters": None}, "clusters must be an integer, got None"),
+        ("stratified", {"clusters": 10**6}, "clusters must be at most"),
+    ],
+)
+def test_options_of_a_coupling_are_looked_at(episodes, method, options, message):
+    with pytest.raises(ValueError, match=message):
+        train(method, episodes, options=replace(SMALL, **options))
 
 
 def test_the_frontier_chooses(episodes):
@@ -189,10 +176,7 @@ def test_bench_goes_on_and_is_summarised(episodes, tmp_path):
 def test_an_interrupted_bench_loses_nothing(episodes, tmp_path, monkeypatch):
     protocol = replace(PROTOCOL, options=replace(SMALL, steps=60))
     run(episodes, tmp_path / "a", ["independent"], protocol)
-
-    from cotlearn.flows import training as loop
-
-    step, calls = loop._gradient_step, []
+    step, calls = training._gradient_step, []
 
     def interrupted(*arguments):
         step(*arguments)
@@ -200,7 +184,7 @@ def test_an_interrupted_bench_loses_nothing(episodes, tmp_path, monkeypatch):
         if len(calls) == 25:
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(loop, "_gradient_step", interrupted)
+    monkeypatch.setattr(training, "_gradient_step", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run(episodes, tmp_path / "b", ["independent"], protocol)
     assert not list((tmp_path / "b").glob("*.json"))
@@ -244,12 +228,8 @@ def test_a_row_is_all_that_a_new_method_needs(episodes, tmp_path, monkeypatch):
     def loss(network, pairs, generator):
         return network(0.0, pairs.x0, pairs.c)[:, 0]
 
-    nothing = Method(
-        "nothing",
-        "does nothing in particular",
-        loss=lambda options: loss,
-        sampler=lambda options, clip: MeanSampler(),
-    )
+    made = {"loss": lambda options: loss, "sampler": lambda options, clip: MeanSampler()}
+    nothing = Method("nothing", "does nothing in particular", **made)
     monkeypatch.setitem(METHODS, "nothing", nothing)
     for command in ("train", "bench"):
         assert "nothing: does nothing in particular." in invoke(command, "--help").output
@@ -286,14 +266,14 @@ def test_train_push_t(data, tmp_path):
 
 
 def test_bench_push_t(data, tmp_path):
-    common = ("bench", "push-t", "--steps", 2, "--batch-size", 8, "--held-out", 2, "--episodes", 2)
-    places = ("--data", data, "--folder", tmp_path / "cells", "--weights", tmp_path / "weights")
-    result = invoke(*common, *places, "--methods", "behaviour_cloning", "--seeds", "0")
+    words = ["bench", "push-t", "--methods", "behaviour_cloning", "--seeds", "0", "--data", data]
+    words += ["--steps", 2, "--batch-size", 8, "--held-out", 2, "--episodes", 2]
+    words += ["--folder", tmp_path / "cells", "--weights", tmp_path / "weights"]
+    result = invoke(*words)
     assert result.exit_code == 0, result.output
     assert (tmp_path / "cells" / "behaviour_cloning-0.json").is_file()
     assert (tmp_path / "cells.json").is_file()
-    again = invoke(*common, *places, "--methods", "behaviour_cloning", "--seeds", "0")
-    assert "1 cells, 1 done already" in again.output
+    assert "1 cells, 1 done already" in invoke(*words).output
 
 
 @pytest.mark.parametrize(
@@ -302,7 +282,7 @@ def test_bench_push_t(data, tmp_path):
         (("train", "push-t", "--coupling", "magic"), "method must be one of"),
         (("train", "push-t", "--network", "lstm"), "network must be one of mlp, unet"),
         (("train", "push-t", "--frame", "mine"), "frame must be one of body, world"),
-        (("bench", "push-t", "--seeds", "one"), "seeds must be integers"),
+        (("bench", "push-t", "--seeds", "1,two"), "seeds must be integers with commas between"),
         (("bench", "push-t", "--methods", "magic"), "method must be one of"),
         (("bench", "push-t-human"), "held_out must"),
     ],
@@ -310,18 +290,17 @@ def test_bench_push_t(data, tmp_path):
 def test_bad_commands(data, tmp_path, arguments, message):
     place = ("--folder", tmp_path) if arguments[0] == "bench" else ("--out", tmp_path / "x")
     result = invoke(*arguments, "--data", data, *place)
-    assert result.exit_code == 2
-    assert message in result.output
+    assert (result.exit_code, message in result.output) == (2, True)
     assert "Traceback" not in result.output
 
 
 def test_missing_demonstrations(tmp_path):
-    result = invoke("train", "push-t", "--data", tmp_path / "none.npz")
-    assert result.exit_code == 2
-    assert "no such file" in result.output
-    result = invoke("train", "push-t-human")
-    assert result.exit_code == 2
-    assert "push-t-human needs --data" in result.output
+    for words, message in (
+        (("push-t", "--data", tmp_path / "none.npz"), "no such file"),
+        (("push-t-human",), "push-t-human needs --data"),
+    ):
+        result = invoke("train", *words)
+        assert (result.exit_code, message in result.output) == (2, True)
 
 
 def test_a_method_settles_what_its_network_predicts():
@@ -336,11 +315,9 @@ def test_a_method_settles_what_its_network_predicts():
 
 
 def test_steps_that_cost_more_are_fewer(episodes):
-    found = {
-        name: train(name, episodes, options=SMALL, progress=False).history["step"][-1]
-        for name in ("independent", "two_passes")
-    }
-    assert found["two_passes"] == found["independent"] / 2
+    methods = "independent", "two_passes"
+    one, two = (train(m, episodes, options=SMALL, progress=False).history for m in methods)
+    assert two["step"][-1] == one["step"][-1] / 2
 
 
 def test_mean_velocities_are_saved_and_need_the_mlp(episodes, tmp_path):

@@ -9,13 +9,8 @@ from cotlearn.policies.comparison import stored
 
 def row(method, sampler, nfe, success):
     scores = {"success_95": success, "success_95_of_seeds": [success]}
-    return {
-        "method": method,
-        "sampler": sampler,
-        "nfe": nfe,
-        **scores,
-        "success_95_interval": [0, 1],
-    }
+    about = {"method": method, "sampler": sampler, "nfe": nfe}
+    return {**about, **scores, "success_95_interval": [0, 1]}
 
 
 ROWS = [
@@ -58,8 +53,6 @@ def test_a_table_has_a_row_for_each_method_and_a_column_for_each_number(compared
 
 
 def test_curves_are_what_the_figure_takes(compared):
+    scores, intervals = {"independent": {1: [0.1]}}, {"independent": {1: [0, 1]}}
     drawn = compared.curves("success_95", methods=["independent"])
-    assert drawn == {
-        "scores": {"independent": {1: [0.1]}},
-        "intervals": {"independent": {1: [0, 1]}},
-    }
+    assert drawn == {"scores": scores, "intervals": intervals}

@@ -47,8 +47,8 @@ def test_further_axes_are_flattened_and_a_vector_of_numbers_is_a_column():
 
 
 def test_an_npz_with_groups(tmp_path):
-    path = saved(tmp_path, x1=numbers(4, 2), c=numbers(4, 1), group=np.array([3, 3, 8, 8]))
-    rows = read_data(path)
+    group = np.array([3, 3, 8, 8])
+    rows = read_data(saved(tmp_path, x1=numbers(4, 2), c=numbers(4, 1), group=group))
     assert rows.group.tolist() == [0, 0, 1, 1]
     assert rows.data.name == "mine.npz"
 
@@ -79,12 +79,8 @@ def lerobot(folder, **changes):
     from pyarrow import parquet
 
     state, action, _ = episodes()
-    columns = {
-        "observation.state": state.tolist(),
-        "action": action.tolist(),
-        "episode_index": [0] * 5 + [1] * 4,
-        "frame_index": [*range(5), *range(4)],
-    }
+    columns = {"observation.state": state.tolist(), "action": action.tolist()}
+    columns |= {"episode_index": [0] * 5 + [1] * 4, "frame_index": [*range(5), *range(4)]}
     columns = {k: v for k, v in {**columns, **changes}.items() if v is not None}
     (folder / "data").mkdir(parents=True)
     turned = {name: list(reversed(values)) for name, values in columns.items()}

@@ -28,6 +28,11 @@ def run(sim, targets):
     return sim.outcomes()
 
 
+def check(outcomes, **expected):
+    for name, values in expected.items():
+        assert np.array_equal(outcomes[name], values), name
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_starts(kind):
     states = np.array([random_start(np.random.default_rng(seed), kind) for seed in range(200)])
@@ -45,16 +50,14 @@ def test_starts(kind):
         assert np.histogram(turn, 4, (-np.pi, np.pi))[0].min() > 25
         assert ((start * goal).sum(axis=1) < 0).all()
     else:
-        assert (np.diff(posts[:, :2, 1]) > 0.1).all()
-        assert (np.diff(posts[:, 2:, 1]) > 0.1).all()
+        assert (np.diff(posts[..., 1])[:, [0, 2, 3]] > 0.1).all()  # a row of two, and of three
 
 
 def test_simulations_begin_where_they_should_and_do_not_move_by_themselves():
     sim = ArmVectorSim.from_seeds([5, 6], "ring")
     state = sim.states
-    assert np.abs(
-        state - [random_start(np.random.default_rng(s), "ring") for s in (5, 6)]
-    ).max() < (1.1e-4)
+    starts = [random_start(np.random.default_rng(seed), "ring") for seed in (5, 6)]
+    assert np.abs(state - starts).max() < 1.1e-4
     run(sim, np.repeat(state[None, :, TIP], 5, axis=0))
     assert np.abs(sim.states - state).max() < 2e-4
     assert not sim.done.any()
@@ -73,18 +76,13 @@ def test_over_the_pillar_is_a_success_and_straight_through_it_a_collision():
     outcomes = sim.outcomes()
     assert sim.done.all()
     assert not sim.finished.any()
-    assert np.array_equal(outcomes["success"], np.ones(6))
-    assert np.array_equal(outcomes["collision"], np.zeros(6))
-    assert np.array_equal(outcomes["mode"], np.full(6, MODES["ring"].index("over")))
+    check(outcomes, success=[1] * 6, collision=[0] * 6, mode=[MODES["ring"].index("over")] * 6)
     assert outcomes["goal_error"].max() < 2e-4
     assert sim.touched() == [""] * 6
 
     sim = ArmVectorSim.from_seeds(range(6), "ring")
-    outcomes = run(sim, line(sim))
+    check(run(sim, line(sim)), success=[0] * 6, collision=[1] * 6, mode=[-1] * 6)
     assert sim.finished.all()
-    assert np.array_equal(outcomes["collision"], np.ones(6))
-    assert np.array_equal(outcomes["success"], np.zeros(6))
-    assert np.array_equal(outcomes["mode"], np.full(6, -1))
     assert sim.touched() == ["pillar1"] * 6
 
 
@@ -102,17 +100,13 @@ def test_missing_the_goal_is_neither():
     targets = line(sim, lift=0.2)
     targets[:, 0, 2] += np.linspace(0, 0.05, MAX_STEPS)
     outcomes = run(sim, targets)
-    assert np.array_equal(outcomes["success"], [0, 1])
-    assert np.array_equal(outcomes["collision"], [0, 0])
+    check(outcomes, success=[0, 1], collision=[0, 0])
     assert outcomes["goal_error"][0] == pytest.approx(0.05, abs=1e-3)
     assert outcomes["mode"][0] == -1
 
 
 def test_a_world_does_not_depend_on_the_others_and_can_stand_still():
-    together, alone = (
-        ArmVectorSim.from_seeds([3, 4, 5], "avoid"),
-        ArmVectorSim.from_seeds([4], "avoid"),
-    )
+    together, alone = (ArmVectorSim.from_seeds(seeds, "avoid") for seeds in ([3, 4, 5], [4]))
     target = together.states[:, TIP] + [0.0, 0.01, 0.02]
     active = np.array([False, True, True])
     before = together.states
@@ -171,18 +165,16 @@ def start(**changes):
 
 
 def test_starts_that_cannot_be():
-    inside = start()
-    inside[:, TIP] = [*inside[0, 6:8], 0.05]
-    with pytest.raises(ValueError, match=r"the tip \[.*\] of states\[0\] is in pillar1"):
-        ArmVectorSim(inside, "ring")
-    inside = start()
-    inside[:, GOAL] = [*inside[0, 6:8], 0.05]
-    with pytest.raises(ValueError, match=r"the goal \[.*\] of states\[0\] is in pillar1"):
-        ArmVectorSim(inside, "ring")
-    with pytest.raises(ValueError, match=r"the goal .* of states\[0\] is out of reach: the tip"):
-        ArmVectorSim(start(goal_x=1.2), "ring")
-    with pytest.raises(ValueError, match=r"the tip .* of states\[0\] is in table"):
-        ArmVectorSim(start(tip_z=-0.03), "ring")
+    tip_inside, goal_inside = start(), start()
+    tip_inside[:, TIP] = goal_inside[:, GOAL] = [*tip_inside[0, 6:8], 0.05]
+    for states, what, why in (
+        (tip_inside, r"tip \[.*\]", "in pillar1"),
+        (goal_inside, r"goal \[.*\]", "in pillar1"),
+        (start(goal_x=1.2), "goal .*", "out of reach: the tip"),
+        (start(tip_z=-0.03), "tip .*", "in table"),
+    ):
+        with pytest.raises(ValueError, match=rf"the {what} of states\[0\] is {why}"):
+            ArmVectorSim(states, "ring")
 
 
 def test_modes_of_paths():
@@ -199,12 +191,11 @@ def test_modes_of_paths():
     state = random_start(np.random.default_rng(0), "avoid")
     posts = pillars(state)
     for mode in range(12):
-        first, second = divmod(mode, 4)
         path = np.tile(state, (4, 1))
-        edges = [-1.0, *posts[:2, 1], 1.0], [-1.0, *posts[2:, 1], 1.0]
-        path[1:3, 0] = posts[:2, 0].mean(), posts[2:, 0].mean()
-        path[1, 1] = (edges[0][first] + edges[0][first + 1]) / 2
-        path[2, 1] = (edges[1][second] + edges[1][second + 1]) / 2
+        for row, way in enumerate(divmod(mode, 4)):
+            group = posts[2:] if row else posts[:2]
+            edges = [-1.0, *group[:, 1], 1.0]
+            path[row + 1, :2] = group[:, 0].mean(), (edges[way] + edges[way + 1]) / 2
         path[3, :3] = state[GOAL]
         assert mode_of_path(path[None], "avoid").tolist() == [mode]
         assert mode_of_path(path[None, :3] - [0.02, *[0] * 25], "avoid").tolist() == [-1]

@@ -8,20 +8,12 @@ from gymnasium.utils.env_checker import check_env
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import cotlearn.robots
-from cotlearn.robots.push_t import (
-    GOAL,
-    PushTVectorSim,
-    corners,
-    coverage,
-    random_state,
-)
+import cotlearn.robots  # noqa: F401  (registers the environment)
+from cotlearn.robots.push_t import GOAL, PushTVectorSim, corners, coverage, random_state
 from cotlearn.robots.push_t.environment import PushT
 from cotlearn.robots.push_t.geometry import coverage_of_one
 from cotlearn.robots.push_t.rasteriser import AGENT, BLOCK, CROSS, OUTLINE, draw
 from cotlearn.robots.push_t.task import AREA, MAX_STEPS, RECTANGLES
-
-assert cotlearn.robots.__doc__
 
 ID = "cotlearn/PushT-v0"
 poses = st.tuples(
@@ -81,9 +73,8 @@ def test_coverage_by_counting_points():
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         u = cos * (x - pose[0]) + sin * (y - pose[1])
         v = cos * (y - pose[1]) - sin * (x - pose[0])
-        return np.any(
-            [(u > x0) & (u < x1) & (v > y0) & (v < y1) for x0, x1, y0, y1 in RECTANGLES], axis=0
-        )
+        parts = [(u > x0) & (u < x1) & (v > y0) & (v < y1) for x0, x1, y0, y1 in RECTANGLES]
+        return np.any(parts, axis=0)
 
     goal = inside(GOAL)
     assert coverage(pose) == pytest.approx((goal & inside(pose)).sum() / goal.sum(), abs=0.01)
@@ -224,12 +215,13 @@ def test_other_bad_input():
         PushT(render_mode="human")
     with pytest.raises(gymnasium.error.ResetNeeded):
         gymnasium.make(ID).step(np.ones(2, np.float32))
-    with pytest.raises(ValueError, match="options must be"):
-        PushT().reset(options={"reset_to_state": [0] * 5})
-    with pytest.raises(ValueError, match="state must lie between"):
-        PushT().reset(options={"state": [0, 0, 600, 0, 0]})
-    with pytest.raises(ValueError, match=r"state must be finite, got \[nan\]"):
-        PushT().reset(options={"state": [1, 2, 3, 4, math.nan]})
+    for options, message in (
+        ({"reset_to_state": [0] * 5}, "options must be"),
+        ({"state": [0, 0, 600, 0, 0]}, "state must lie between"),
+        ({"state": [1, 2, 3, 4, math.nan]}, r"state must be finite, got \[nan\]"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            PushT().reset(options=options)
 
 
 # --- parity -----------------------------------------------------------------------------------
@@ -286,10 +278,8 @@ def test_dynamics_of_gym_pusht(peer, kind, episodes, steps):
         with module.without_counter():
             theirs.reset(seed=seed)
         for _ in range(steps):
-            if kind == "random":
-                action = generator.uniform(0, 512, 2).astype(np.float32)
-            else:
-                action = pushing(state, generator)
+            drawn = generator.uniform(0, 512, 2) if kind == "random" else pushing(state, generator)
+            action = drawn.astype(np.float32)
             expected, reward, terminated, _, info = theirs.step(action)
             state, our_reward, our_terminated, _, our_info = ours.step(action)
             assert np.abs(state[:4] - expected[:4]).max() < 1e-3
