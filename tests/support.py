@@ -40,16 +40,17 @@ class Still(torch.nn.Module):
         return torch.zeros_like(x)
 
 
-def refused(*cases, error=None):
+def refused(*cases, error=None, of=None):
     """A test of wrong calls; each case is (call, error, message).
 
-    With an `error` for all of them, each case is (call, message).
+    With an `error` for all of them, each case is (call, message). With `of`, which is the function
+    that all of them call, its arguments as a dictionary take the place of the call.
     """
     rows = [case if error is None else (case[0], error, case[1]) for case in cases]
 
     @pytest.mark.parametrize(("call", "error", "message"), rows)
     def test(call, error, message):
         with pytest.raises(error, match=message):
-            call()
+            call() if of is None else of(**call)
 
     return test
