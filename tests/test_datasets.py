@@ -3,13 +3,10 @@ import math
 import numpy as np
 import pytest
 import torch
+from support import refused, seeded
 
 from cotlearn import mixtures
 from cotlearn.datasets import Dataset, Standardiser, Unconditional, digits, unconditional
-
-
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 @pytest.fixture
@@ -101,22 +98,18 @@ def test_standardiser(kind):
         standardise(rows[:, :2])
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "message"),
-    [
-        (lambda d: Dataset(d.x1, d.c[:4]), ValueError, "x1 has 10 rows, c has 4"),
-        (lambda d: Dataset(d.x1 * math.nan), ValueError, "x1 has NaN"),
-        (lambda d: Dataset(d.x1[:0]), ValueError, "x1 is empty"),
-        (lambda d: Dataset(d.x1.tolist()), TypeError, "x1 must be a torch tensor"),
-        (lambda d: Dataset(d.x1, d.c.argmax(dim=1)), ValueError, "c must have shape"),
-        (lambda d: d.sample(0), ValueError, "n must be at least 1"),
-        (lambda d: d.sample_given(torch.full((1, 3), 0.5)), ValueError, "c: no row of rows has"),
-        (lambda d: d.sample_given(torch.eye(2)), ValueError, "c has 2 columns, expected 3"),
-        (lambda d: Dataset(d.x1).sample_given(d.c), ValueError, "no condition"),
-        (lambda d: Dataset(d.x1).conditions(), ValueError, "no condition"),
-        (lambda d: digits("validation"), ValueError, "split must be one of train, test, all"),
-    ],
+X, C = torch.arange(20.0).reshape(10, 2), torch.eye(3)[torch.arange(10) % 3]
+ROWS = Dataset(X, C, name="rows")
+test_bad_input = refused(
+    (lambda: Dataset(X, C[:4]), ValueError, "x1 has 10 rows, c has 4"),
+    (lambda: Dataset(X * math.nan), ValueError, "x1 has NaN"),
+    (lambda: Dataset(X[:0]), ValueError, "x1 is empty"),
+    (lambda: Dataset(X.tolist()), TypeError, "x1 must be a torch tensor"),
+    (lambda: Dataset(X, C.argmax(dim=1)), ValueError, "c must have shape"),
+    (lambda: ROWS.sample(0), ValueError, "n must be at least 1"),
+    (lambda: ROWS.sample_given(torch.full((1, 3), 0.5)), ValueError, "c: no row of rows has"),
+    (lambda: ROWS.sample_given(torch.eye(2)), ValueError, "c has 2 columns, expected 3"),
+    (lambda: Dataset(X).sample_given(C), ValueError, "no condition"),
+    (lambda: Dataset(X).conditions(), ValueError, "no condition"),
+    (lambda: digits("validation"), ValueError, "split must be one of train, test, all"),
 )
-def test_bad_input(rows, call, error, message):
-    with pytest.raises(error, match=message):
-        call(rows)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.stats import ks_2samp
+from support import refused, seeded
 from torch.distributions import Categorical, Independent, MixtureSameFamily, Normal
 
 from cotlearn import mixtures
@@ -29,17 +30,12 @@ with_density = pytest.mark.parametrize(
 )
 
 
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
-
-
 def law_at(data, t, c):
     """p_t(x | c) of x_t = (1 - t) x0 + t x1, by torch's own mixtures."""
     log_weights, means, stds = (part.double() for part in data.components(c))
     stds_t = ((1 - t) ** 2 + t**2 * stds**2).sqrt().clamp_min(1e-9)  # torch refuses 0
-    return MixtureSameFamily(
-        Categorical(logits=log_weights), Independent(Normal(t * means, stds_t), 1)
-    )
+    parts = Independent(Normal(t * means, stds_t), 1)
+    return MixtureSameFamily(Categorical(logits=log_weights), parts)
 
 
 @every
@@ -172,19 +168,17 @@ def test_moons_of_torchdyn_given_c(condition):
         assert ks_2samp(*strips).pvalue > 1e-4
 
 
-def test_moons_of_torchdyn_have_no_density_here():
-    for condition in ("class", "x"):
-        data = mixtures.moons(condition, torchdyn=True)
-        x, c = data.sample(4)
-        with pytest.raises(ValueError, match="torchdyn's moons: only samples are known"):
-            data.log_density(x, c)
-        with pytest.raises(ValueError, match="only samples are known"):
-            data.velocity(0.5, x, c)
-    for outside in (-4.1, 5.7):
-        with pytest.raises(ValueError, match=r"c must lie between -4 and 5\.6"):
-            data.sample_given(torch.tensor([[0.0], [outside]]))
-    with pytest.raises(ValueError, match="one-hot"):
-        mixtures.moons(torchdyn=True).sample_given(torch.full((2, 2), 0.5))
+BY_CLASS, BY_X = (mixtures.moons(condition, torchdyn=True) for condition in ("class", "x"))
+test_moons_of_torchdyn_have_no_density_here = refused(
+    (lambda: BY_CLASS.log_density(*BY_CLASS.sample(4)), "torchdyn's moons: only samples are known"),
+    (lambda: BY_X.log_density(*BY_X.sample(4)), "torchdyn's moons: only samples are known"),
+    (lambda: BY_CLASS.velocity(0.5, *BY_CLASS.sample(4)), "only samples are known"),
+    (lambda: BY_X.velocity(0.5, *BY_X.sample(4)), "only samples are known"),
+    (lambda: BY_X.sample_given(torch.tensor([[0.0], [-4.1]])), r"c must lie between -4 and 5\.6"),
+    (lambda: BY_X.sample_given(torch.tensor([[0.0], [5.7]])), r"c must lie between -4 and 5\.6"),
+    (lambda: BY_CLASS.sample_given(torch.full((2, 2), 0.5)), "one-hot"),
+    error=ValueError,
+)
 
 
 @cache
@@ -267,43 +261,26 @@ def test_inputs_stay_as_they_are():
     before = x.clone(), c.clone()
     data.velocity(0.4, x, c)
     data.sample_given(c)
-    assert torch.equal(x, before[0])
-    assert torch.equal(c, before[1])
+    assert all(map(torch.equal, (x, c), before))
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "message"),
-    [
-        (lambda d, x, c: d.sample(0), ValueError, "n must be at least 1"),
-        (lambda d, x, c: d.sample(2.5), TypeError, "n must be an integer"),
-        (lambda d, x, c: d.conditions(0), ValueError, "n must be at least 1"),
-        (lambda d, x, c: d.sample_given(c[:, :3]), ValueError, "c has 3 columns, expected 4"),
-        (lambda d, x, c: d.sample_given(None), TypeError, "c must be a torch tensor"),
-        (lambda d, x, c: d.sample_given(c * math.nan), ValueError, "c has NaN"),
-        (lambda d, x, c: d.log_density(x[:2], c), ValueError, "c has 5 rows, x has 2"),
-        (lambda d, x, c: d.log_density(x[:, :1], c), ValueError, "x has 1 columns, expected 2"),
-        (lambda d, x, c: d.velocity(1.5, x, c), ValueError, r"t must lie in \[0, 1\]"),
-        (lambda d, x, c: d.velocity(-0.1, x, c), ValueError, r"t must lie in \[0, 1\]"),
-        (lambda d, x, c: d.velocity(math.nan, x, c), ValueError, r"t must lie in \[0, 1\]"),
-        (lambda d, x, c: d.velocity(torch.zeros(3), x, c), ValueError, "t must .* shape"),
-        (lambda d, x, c: d.velocity(0.5, x * math.inf, c), ValueError, "x has NaN or infinite"),
-    ],
+DATA = mixtures.petals()
+X, C = DATA.sample(5, generator=seeded())
+test_bad_input = refused(
+    (lambda: DATA.sample(0), ValueError, "n must be at least 1"),
+    (lambda: DATA.sample(2.5), TypeError, "n must be an integer"),
+    (lambda: DATA.conditions(0), ValueError, "n must be at least 1"),
+    (lambda: DATA.sample_given(C[:, :3]), ValueError, "c has 3 columns, expected 4"),
+    (lambda: DATA.sample_given(None), TypeError, "c must be a torch tensor"),
+    (lambda: DATA.sample_given(C * math.nan), ValueError, "c has NaN"),
+    (lambda: DATA.sample_given(torch.full((2, 4), 0.25)), ValueError, "one-hot"),
+    (lambda: DATA.log_density(X[:2], C), ValueError, "c has 5 rows, x has 2"),
+    (lambda: DATA.log_density(X[:, :1], C), ValueError, "x has 1 columns, expected 2"),
+    (lambda: DATA.velocity(1.5, X, C), ValueError, r"t must lie in \[0, 1\]"),
+    (lambda: DATA.velocity(-0.1, X, C), ValueError, r"t must lie in \[0, 1\]"),
+    (lambda: DATA.velocity(math.nan, X, C), ValueError, r"t must lie in \[0, 1\]"),
+    (lambda: DATA.velocity(torch.zeros(3), X, C), ValueError, "t must .* shape"),
+    (lambda: DATA.velocity(0.5, X * math.inf, C), ValueError, "x has NaN or infinite"),
+    (lambda: mixtures.petals(n_conditions=0), ValueError, "n_conditions must be at least 1"),
+    (lambda: mixtures.moons("y"), ValueError, "condition must be one of class, x; got 'y'"),
 )
-def test_bad_input(call, error, message):
-    data = mixtures.petals()
-    x, c = data.sample(5, generator=seeded())
-    with pytest.raises(error, match=message):
-        call(data, x, c)
-
-
-def test_bad_options():
-    with pytest.raises(ValueError, match="n_conditions must be at least 1"):
-        mixtures.petals(n_conditions=0)
-    with pytest.raises(ValueError, match="condition must be one of class, x; got 'y'"):
-        mixtures.moons(condition="y")
-
-
-def test_a_condition_that_is_not_one_hot_is_refused():
-    data = mixtures.petals()
-    with pytest.raises(ValueError, match="one-hot"):
-        data.sample_given(torch.full((2, 4), 0.25))

@@ -8,12 +8,7 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from cotlearn.couplings.assignment import (
-    SMALL_BATCH,
-    draw_pairs,
-    exact_permutation,
-    sinkhorn_plan,
-)
+from cotlearn.couplings.assignment import SMALL_BATCH, draw_pairs, exact_permutation, sinkhorn_plan
 
 
 def points(n, d, seed=0, kind="normal"):
@@ -28,6 +23,12 @@ def points(n, d, seed=0, kind="normal"):
 
 def total(cost, columns):
     return cost[np.arange(len(cost)), columns].sum()
+
+
+def assert_optimal(cost, rel=1e-12):
+    """By SciPy."""
+    expected = total(cost, linear_sum_assignment(cost)[1])
+    assert total(cost, exact_permutation(cost)) == pytest.approx(expected, rel=rel)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -53,26 +54,20 @@ def test_scipy_and_pot_find_nothing_cheaper(n, dim, kind):
 
 @pytest.mark.parametrize("dim", [2, 16])
 def test_a_large_batch(dim):
-    cost = points(1100, dim)
-    expected = total(cost, linear_sum_assignment(cost)[1])
-    assert total(cost, exact_permutation(cost)) == pytest.approx(expected, rel=1e-9)
+    assert_optimal(points(1100, dim), rel=1e-9)
 
 
 @pytest.mark.parametrize("regularization", [0.01, 0.05, 1.0])
 @pytest.mark.parametrize("dim", [2, 16])
 def test_the_largest_sum_of_entries_of_a_plan(dim, regularization):
-    cost = -sinkhorn_plan(points(256, dim), regularization=regularization)
-    expected = total(cost, linear_sum_assignment(cost)[1])
-    assert total(cost, exact_permutation(cost)) == pytest.approx(expected, rel=1e-12)
+    assert_optimal(-sinkhorn_plan(points(256, dim), regularization=regularization))
 
 
 @pytest.mark.parametrize("n", [80, 300, 1000])
 def test_clusters_far_apart(n):
     rng = np.random.default_rng(0)
     x, y = 0.5 * rng.normal(size=(2, n, 2)) + [[0.0, 6.0]] * rng.choice([-1, 1], size=(2, n, 1))
-    cost = cdist(x, y, "sqeuclidean")
-    expected = total(cost, linear_sum_assignment(cost)[1])
-    assert total(cost, exact_permutation(cost)) == pytest.approx(expected, rel=1e-12)
+    assert_optimal(cdist(x, y, "sqeuclidean"))
 
 
 @pytest.mark.parametrize("kind", ["equal", "one outlier", "one bargain", "huge weight"])
@@ -86,8 +81,7 @@ def test_costs_whose_potentials_are_of_no_use(kind):
         cost[7, 3] -= 1e12
     else:
         cost += 1e9 * points(200, 1, seed=1)
-    expected = total(cost, linear_sum_assignment(cost)[1])
-    assert total(cost, exact_permutation(cost)) == pytest.approx(expected, rel=1e-12)
+    assert_optimal(cost)
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-12, 1e-6, 1.0, 1e6, 1e12, 1e300])
@@ -118,11 +112,9 @@ def test_the_cost_is_not_changed():
 def test_float32_and_transposed_costs():
     cost = points(120, 2)
     expected = total(cost, exact_permutation(cost))
-    assert total(cost, exact_permutation(cost.astype(np.float32))) == pytest.approx(
-        expected, rel=1e-5
-    )
-    columns = exact_permutation(cost.T)
-    assert total(cost.T, columns) == pytest.approx(expected)
+    single = exact_permutation(cost.astype(np.float32))
+    assert total(cost, single) == pytest.approx(expected, rel=1e-5)
+    assert total(cost.T, exact_permutation(cost.T)) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("regularization", [0.02, 0.05, 0.5, 5.0])

@@ -8,22 +8,10 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support import joined, refused, same, seeded, take
 
 from cotlearn import couplings
-from cotlearn.couplings import (
-    AdaptiveConditionalOT,
-    ConditionalOT,
-    Coupling,
-    FixedPairs,
-    Independent,
-    MinibatchOT,
-    ModelAligned,
-    Pairs,
-    Reflow,
-    SemidiscreteOT,
-    StratifiedOT,
-    Transformed,
-)
+from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, StratifiedOT
 from cotlearn.couplings.base import Match, draw_noise, generator_for, squared_distances, to_numpy
 from cotlearn.datasets import Dataset, unconditional
 from cotlearn.mixtures import petals
@@ -44,9 +32,9 @@ COUPLINGS = [
     ConditionalOT(math.inf),
     ConditionalOT("balanced"),
     ConditionalOT(3.0, label="source"),
-    zero_network(ModelAligned("weighted")),
-    zero_network(ModelAligned("full")),
-    Transformed(ConditionalOT(10.0), lambda x, c: -x),
+    zero_network(couplings.ModelAligned("weighted")),
+    zero_network(couplings.ModelAligned("full")),
+    couplings.Transformed(ConditionalOT(10.0), lambda x, c: -x),
 ]
 WITH_REPLACEMENT = [
     MinibatchOT(sampling="replacement"),
@@ -55,11 +43,11 @@ WITH_REPLACEMENT = [
 WHOLE = [
     StratifiedOT(),
     StratifiedOT(residual=True),
-    Transformed(StratifiedOT(), lambda x, c: x),
+    couplings.Transformed(StratifiedOT(), lambda x, c: x),
 ]
-SEARCH = [SemidiscreteOT(1.0, iterations=5)]
+SEARCH = [couplings.SemidiscreteOT(1.0, iterations=5)]
 # Not every batch will do for them: their own files try them.
-ELSEWHERE = {AdaptiveConditionalOT, Coupling, FixedPairs, Reflow}
+ELSEWHERE = {couplings.AdaptiveConditionalOT, Coupling, couplings.FixedPairs, couplings.Reflow}
 
 
 def new_couplings():
@@ -75,11 +63,8 @@ for new in new_couplings():
 BATCHES = COUPLINGS + WITH_REPLACEMENT
 # What the semidiscrete coupling keeps to does not need a converged potential.
 pytestmark = pytest.mark.filterwarnings("ignore:the potential has not converged")
-every = pytest.mark.parametrize("coupling", BATCHES + WHOLE + SEARCH, ids=repr)
-
-
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
+EVERY = BATCHES + WHOLE + SEARCH
+every = pytest.mark.parametrize("coupling", EVERY, ids=repr)
 
 
 def batch(n=24, d=2, k=3, dtype=torch.float32, seed=0):
@@ -101,8 +86,7 @@ def test_what_every_coupling_keeps_to(coupling, n, d, k, dtype, seed):
     x0, x1, c = batch(n, d, k, dtype, seed)
     before = x0.clone(), x1.clone(), c.clone()
     pairs = coupling(x0, x1, c, generator=seeded(seed))
-    for value, old in zip((x0, x1, c), before, strict=True):
-        assert torch.equal(value, old)
+    assert all(map(torch.equal, (x0, x1, c), before))
     assert len(pairs) == n
     assert pairs.x0.shape == pairs.x1.shape == (n, d)
     assert pairs.c.shape == (n, k)
@@ -115,10 +99,7 @@ def test_what_every_coupling_keeps_to(coupling, n, d, k, dtype, seed):
     if coupling not in WITH_REPLACEMENT + SEARCH:
         for index in (pairs.source_index, pairs.target_index):
             assert torch.equal(index.sort().values, torch.arange(n))
-    again = coupling(x0, x1, c, seeded(seed))
-    assert torch.equal(pairs.source_index, again.source_index)
-    assert torch.equal(pairs.target_index, again.target_index)
-    assert torch.equal(pairs.c, again.c)
+    assert same(pairs, coupling(x0, x1, c, seeded(seed)))
 
 
 @every
@@ -127,9 +108,7 @@ def test_global_randomness_is_the_default(coupling):
     torch.manual_seed(3)
     first = coupling(x0, x1, c)
     torch.manual_seed(3)
-    second = coupling(x0, x1, c)
-    assert torch.equal(first.target_index, second.target_index)
-    assert torch.equal(first.source_index, second.source_index)
+    assert same(first, coupling(x0, x1, c))
 
 
 @every
@@ -181,7 +160,7 @@ def test_device_is_kept(coupling):
         assert value.is_cuda
 
 
-@every
+@pytest.mark.parametrize("coupling", [*EVERY, couplings.AdaptiveConditionalOT()], ids=repr)
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
@@ -207,7 +186,7 @@ def test_bad_input(coupling, change, error, message):
 
 
 def test_pairs_map_leaves_out_what_is_not_there():
-    pairs = Pairs(*batch(4)[:2], None, torch.arange(4), torch.arange(4))
+    pairs = couplings.Pairs(*batch(4)[:2], None, torch.arange(4), torch.arange(4))
     cut = pairs.map(lambda value: value[:3])
     assert len(cut) == 3
     assert cut.c is None
@@ -234,62 +213,54 @@ def test_a_new_coupling_overrides_match_alone():
 # --- the stream ---
 
 
-def take(coupling, n, **options):
-    stream = coupling.stream(petals(), generator=seeded(7), **options)
-    return list(itertools.islice(stream, n))
-
-
 @pytest.mark.parametrize("coupling", BATCHES, ids=repr)
 @pytest.mark.parametrize("ot_batch_size", [None, 8, 32])
 def test_a_stream_that_starts_later_gives_the_same_batches(coupling, ot_batch_size):
     options = {"batch_size": 8, "ot_batch_size": ot_batch_size}
-    every_batch = take(coupling, 9, **options)
+    every_batch = take(coupling, petals(), 9, **options)
     for start in (1, 3, 4, 6):
-        for old, new in zip(every_batch[start:], take(coupling, 3, start=start, **options)):  # noqa: B905
-            for name in ("x0", "x1", "c", "source_index", "target_index"):
-                assert torch.equal(getattr(old, name), getattr(new, name))
+        later = take(coupling, petals(), 3, start=start, **options)
+        assert all(map(same, every_batch[start:], later))
 
 
 def test_the_stream_depends_on_the_seed_and_not_on_what_was_drawn_before():
-    first = take(MinibatchOT(), 2, batch_size=8)
+    first, second = take(MinibatchOT(), petals(), 2, batch_size=8, generator=seeded(7))
     used = seeded(7)
     torch.rand(5, generator=used)
-    again = next(MinibatchOT().stream(petals(), batch_size=8, generator=used))
-    assert torch.equal(first[0].x1, again.x1)
-    other = next(MinibatchOT().stream(petals(), batch_size=8, generator=seeded(8)))
-    assert not torch.equal(first[0].x1, other.x1)
-    assert not torch.equal(first[0].x1, first[1].x1)
+    (again,) = take(MinibatchOT(), petals(), 1, batch_size=8, generator=used)
+    assert torch.equal(first.x1, again.x1)
+    (other,) = take(MinibatchOT(), petals(), 1, batch_size=8, generator=seeded(8))
+    assert not torch.equal(first.x1, other.x1)
+    assert not torch.equal(first.x1, second.x1)
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=repr)
 def test_an_ot_batch_that_is_cut_up_covers_each_row_once(coupling):
-    parts = take(coupling, 4, batch_size=8, ot_batch_size=32)
+    parts = take(coupling, petals(), 4, batch_size=8, ot_batch_size=32)
     for name in ("source_index", "target_index"):
-        rows = torch.cat([getattr(part, name) for part in parts])
-        assert torch.equal(rows.sort().values, torch.arange(32))
+        assert torch.equal(joined(parts, name).sort().values, torch.arange(32))
 
 
 def test_a_cut_of_condition_exact_pairs_is_no_single_class():
-    parts = take(ConditionalOT(math.inf), 8, batch_size=16, ot_batch_size=128)
-    for part in parts:
+    for part in take(ConditionalOT(math.inf), petals(), 8, batch_size=16, ot_batch_size=128):
         assert len(part.c.unique(dim=0)) >= 3
 
 
 def test_the_batch_is_paired_as_a_whole():
-    parts = take(MinibatchOT(), 4, batch_size=8, ot_batch_size=32)
-    generator = generator_for(7, 0)
+    parts = take(MinibatchOT(), petals(), 4, batch_size=8, ot_batch_size=32)
+    generator = generator_for(5, 0)
     x1, c = petals().sample(32, generator=generator)
     x0 = torch.randn(32, 2, generator=generator)
     whole = MinibatchOT()(x0, x1, c, generator=generator)
-    assert torch.equal(torch.cat([part.x0 for part in parts]), whole.x0)
-    assert torch.equal(torch.cat([part.x1 for part in parts]), whole.x1)
+    assert torch.equal(joined(parts, "x0"), whole.x0)
+    assert torch.equal(joined(parts, "x1"), whole.x1)
 
 
 def test_noise_comes_from_the_source():
     def source(n, generator=None):
         return 5 + torch.rand(n, 2, generator=generator)
 
-    pairs = take(MinibatchOT(), 2, batch_size=8, source=source)
+    pairs = take(MinibatchOT(), petals(), 2, batch_size=8, source=source)
     assert all(((part.x0 >= 5) & (part.x0 < 6)).all() for part in pairs)
     assert not torch.equal(pairs[0].x0, pairs[1].x0)
 
@@ -307,21 +278,19 @@ def test_data_without_a_condition():
         next(ConditionalOT(1.0).stream(bare, batch_size=4))
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "message"),
-    [
-        ({"batch_size": 0}, ValueError, "batch_size must be at least 1"),
-        ({"batch_size": 2.0}, TypeError, "batch_size must be an integer"),
-        ({"batch_size": 8, "ot_batch_size": 4}, ValueError, "ot_batch_size must be at least 8"),
-        ({"batch_size": 8, "ot_batch_size": 20}, ValueError, "ot_batch_size .* multiple .* 8"),
-        ({"batch_size": 8, "start": -1}, ValueError, "start must be at least 0"),
-        ({"batch_size": 8, "source": lambda n, generator: torch.zeros(n, 3)}, ValueError, "source"),
-        ({"batch_size": 8, "source": lambda n, generator: None}, TypeError, "source.* NoneType"),
-    ],
+def stream(**options):
+    next(Independent().stream(petals(), **({"batch_size": 8} | options)))
+
+
+test_bad_stream_options = refused(
+    (lambda: stream(batch_size=0), ValueError, "batch_size must be at least 1"),
+    (lambda: stream(batch_size=2.0), TypeError, "batch_size must be an integer"),
+    (lambda: stream(ot_batch_size=4), ValueError, "ot_batch_size must be at least 8"),
+    (lambda: stream(ot_batch_size=20), ValueError, "ot_batch_size .* multiple .* 8"),
+    (lambda: stream(start=-1), ValueError, "start must be at least 0"),
+    (lambda: stream(source=lambda n, generator: torch.zeros(n, 3)), ValueError, "source"),
+    (lambda: stream(source=lambda n, generator: None), TypeError, "source.* NoneType"),
 )
-def test_bad_stream_options(options, error, message):
-    with pytest.raises(error, match=message):
-        next(Independent().stream(petals(), **options))
 
 
 @pytest.mark.parametrize("coupling", [Independent(), *COUPLINGS[1:5]], ids=repr)
@@ -332,13 +301,17 @@ def test_a_larger_ot_batch_gives_more_candidates_where_it_is_used(coupling):
 
 def test_couplings_of_all_the_data_take_no_ot_batch():
     x1, c = petals().sample(40, generator=seeded())
-    for coupling in (StratifiedOT(), SemidiscreteOT(iterations=1), FixedPairs(x1)):
+    search = couplings.SemidiscreteOT(iterations=1)
+    for coupling in (StratifiedOT(), search, couplings.FixedPairs(x1)):
         assert coupling.whole_data
         assert not coupling.uses_ot_batch
-        with pytest.raises(ValueError, match=r"must be equal to batch_size 8 for .*, got 16"):
-            next(coupling.stream(Dataset(x1, c), batch_size=8, ot_batch_size=16))
-        with pytest.raises(ValueError, match="start must be at least 0"):
-            next(coupling.stream(Dataset(x1, c), batch_size=8, start=-1))
+        for options, message in (
+            ({"ot_batch_size": 16}, r"must be equal to batch_size 8 for .*, got 16"),
+            ({"start": -1}, "start must be at least 0"),
+            ({"batch_size": 0}, "batch_size must be at least 1"),
+        ):
+            with pytest.raises(ValueError, match=message):
+                take(coupling, Dataset(x1, c), 1, **({"batch_size": 8} | options))
 
 
 def test_data_that_turn_bad_are_named():

@@ -8,22 +8,12 @@ import sys
 import numpy as np
 import pytest
 import torch
+from support import refused, seeded
 
-from cotlearn.couplings import (
-    ConditionalOT,
-    EmbeddedClusters,
-    KMeansCondition,
-    PCAKMeansCondition,
-    StratifiedOT,
-    combine,
-    conditions,
-)
+from cotlearn.couplings import ConditionalOT, StratifiedOT, combine, conditions
+from cotlearn.couplings.conditions import EmbeddedClusters, KMeansCondition, PCAKMeansCondition
 from cotlearn.datasets import Standardiser
 from cotlearn.storage import load_tensors, save_tensors
-
-
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def rows(n=400, k=3, seed=0):
@@ -165,45 +155,34 @@ def test_the_same_seed_gives_the_same_clusters():
     assert torch.equal(KMeansCondition(9).fit(c)(c), KMeansCondition(9).fit(c)(c))
 
 
-C = torch.randn(10, 3)
+def pca(clusters=2, **options):
+    return PCAKMeansCondition(clusters=clusters, **options).fit(C)
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "message"),
-    [
-        (lambda: combine({}), ValueError, "conditions is empty"),
-        (lambda: combine({"a": C}, {"b": 1.0}), ValueError, r"weights has unknown names \['b'\]"),
-        (lambda: combine({"a": C}, {"a": -1.0}), ValueError, r"weights\['a'\] must be at least 0"),
-        (lambda: combine({"a": C}, {"a": math.inf}), ValueError, r"weights\['a'\].*finite"),
-        (lambda: combine({"a": C, "b": C[:4]}), ValueError, "b has 4 rows, a has 10"),
-        (lambda: combine({"pose": C / 0}), ValueError, "pose has NaN or infinite"),
-        (lambda: KMeansCondition(0), ValueError, "clusters must be at least 1"),
-        (lambda: KMeansCondition(2.0), TypeError, "clusters must be an integer"),
-        (lambda: KMeansCondition(11).fit(C), ValueError, "clusters must be at most the 10 rows"),
-        (lambda: KMeansCondition(2).fit(C).labels(C[:, :2]), ValueError, "c has 2 columns"),
-        (lambda: KMeansCondition(2).centroids, ValueError, r"KMeansCondition\(clusters=2.*fit"),
-        (
-            lambda: PCAKMeansCondition(components=4, clusters=2).fit(C),
-            ValueError,
-            "components must be at most 3 for this c",
-        ),
-        (lambda: PCAKMeansCondition(components=2, clusters=11).fit(C), ValueError, "clusters must"),
-        (
-            lambda: PCAKMeansCondition(pixels=4, clusters=2).fit(C),
-            ValueError,
-            "pixels is 4, but c has only 3",
-        ),
-        (
-            lambda: PCAKMeansCondition(components=2, clusters=2).fit(C).labels(C[:, :2]),
-            ValueError,
-            "pixels of c has 2 columns, expected 3",
-        ),
-        (lambda: PCAKMeansCondition().labels(C), ValueError, "not fitted"),
-    ],
+C, INNER = torch.randn(10, 3), KMeansCondition(2)
+
+
+test_bad_input = refused(
+    (lambda: combine({}), ValueError, "conditions is empty"),
+    (lambda: combine({"a": C}, {"b": 1.0}), ValueError, r"weights has unknown names \['b'\]"),
+    (lambda: combine({"a": C}, {"a": -1.0}), ValueError, r"weights\['a'\] must be at least 0"),
+    (lambda: combine({"a": C}, {"a": math.inf}), ValueError, r"weights\['a'\].*finite"),
+    (lambda: combine({"a": C, "b": C[:4]}), ValueError, "b has 4 rows, a has 10"),
+    (lambda: combine({"pose": C / 0}), ValueError, "pose has NaN or infinite"),
+    (lambda: KMeansCondition(0), ValueError, "clusters must be at least 1"),
+    (lambda: KMeansCondition(2.0), TypeError, "clusters must be an integer"),
+    (lambda: KMeansCondition(11).fit(C), ValueError, "clusters must be at most the 10 rows"),
+    (lambda: KMeansCondition(2).fit(C).labels(C[:, :2]), ValueError, "c has 2 columns"),
+    (lambda: KMeansCondition(2).centroids, ValueError, r"KMeansCondition\(clusters=2.*fit"),
+    (lambda: pca(components=4), ValueError, "components must be at most 3 for this c"),
+    (lambda: pca(11, components=2), ValueError, "clusters must"),
+    (lambda: pca(pixels=4), ValueError, "pixels is 4, but c has only 3"),
+    (lambda: pca(components=2)(C[:, :2]), ValueError, "pixels of c has 2 columns, expected 3"),
+    (lambda: PCAKMeansCondition().labels(C), ValueError, "not fitted"),
+    (lambda: EmbeddedClusters(3, INNER), TypeError, "embed must be a function"),
+    (lambda: EmbeddedClusters(abs, INNER, rows=0), ValueError, "rows must be at least 1"),
+    (lambda: EmbeddedClusters(abs, INNER).labels(C), ValueError, "not fitted"),
 )
-def test_bad_input(call, error, message):
-    with pytest.raises(error, match=message):
-        call()
 
 
 # --- clusters of a view ------------------------------------------------------------------------
@@ -227,17 +206,16 @@ def test_few_rows_are_viewed_to_fit_and_all_of_them_in_parts(monkeypatch):
         seen.append(len(c))
         return c
 
-    both = EmbeddedClusters(view, PCAKMeansCondition(components=2, clusters=4), rows=100).fit(
-        rows()
-    )
+    def fitted():
+        inner = PCAKMeansCondition(components=2, clusters=4)
+        return EmbeddedClusters(view, inner, rows=100).fit(rows())
+
+    both = fitted()
     assert seen == [100]
     monkeypatch.setattr(conditions, "ROWS_AT_ONCE", 150)
     assert both.labels(rows()).shape == (400,)
     assert seen[1:] == [150, 150, 100]
-    again = EmbeddedClusters(view, PCAKMeansCondition(components=2, clusters=4), rows=100).fit(
-        rows()
-    )
-    assert torch.equal(both(rows()), again(rows()))
+    assert torch.equal(both(rows()), fitted()(rows()))
 
 
 def test_a_view_in_the_couplings():
@@ -269,20 +247,6 @@ clusters, before = KMeansCondition(1000).fit(c), own_mb()
 labels = clusters.labels(c)
 print(own_mb() - before)
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    )
+    command, env = [sys.executable, "-c", code], {**os.environ, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=env)
     assert float(done.stdout) < 200
-
-
-def test_bad_views():
-    with pytest.raises(TypeError, match="embed must be a function"):
-        EmbeddedClusters(3, KMeansCondition(2))
-    with pytest.raises(ValueError, match="rows must be at least 1"):
-        EmbeddedClusters(torch.square, KMeansCondition(2), rows=0)
-    with pytest.raises(ValueError, match="not fitted"):
-        EmbeddedClusters(torch.Tensor.square, KMeansCondition(2)).labels(rows())

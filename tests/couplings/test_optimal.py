@@ -4,12 +4,9 @@ import numpy as np
 import ot
 import pytest
 import torch
+from support import refused, seeded
 
 from cotlearn.couplings import Independent, MinibatchOT
-
-
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def batch(n=64, d=2, seed=0):
@@ -81,17 +78,12 @@ def test_sinkhorn_permutation_is_exact_for_small_regularization():
     assert cost(entropic) == pytest.approx(cost(MinibatchOT()(x0, x1)), rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "message"),
-    [
-        ({"plan": "emd"}, ValueError, "plan must be one of exact, sinkhorn; got 'emd'"),
-        ({"sampling": "both"}, ValueError, "sampling must be one of permutation, replacement"),
-        ({"regularization": 0}, ValueError, "regularization must be above 0"),
-        ({"regularization": -0.1}, ValueError, "regularization must be at least 0"),
-        ({"regularization": math.nan}, ValueError, "regularization must be at least 0"),
-        ({"regularization": "small"}, TypeError, "regularization must be a number"),
-    ],
+OT = MinibatchOT
+test_bad_options = refused(
+    (lambda: OT(plan="emd"), ValueError, "plan must be one of exact, sinkhorn; got 'emd'"),
+    (lambda: OT(sampling="both"), ValueError, "sampling must be one of permutation, replacement"),
+    (lambda: OT(regularization=0), ValueError, "regularization must be above 0"),
+    (lambda: OT(regularization=-0.1), ValueError, "regularization must be at least 0"),
+    (lambda: OT(regularization=math.nan), ValueError, "regularization must be at least 0"),
+    (lambda: OT(regularization="small"), TypeError, "regularization must be a number"),
 )
-def test_bad_options(options, error, message):
-    with pytest.raises(error, match=message):
-        MinibatchOT(**options)

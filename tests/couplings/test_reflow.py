@@ -1,24 +1,16 @@
 """Reflow: the pairs are the teacher's."""
 
-import itertools
-import math
-
-import pytest
 import torch
+from support import refused, same, seeded, take
 
-from cotlearn import mixtures
 from cotlearn.couplings import FixedPairs, Reflow
 from cotlearn.datasets import Dataset
 from cotlearn.flows import VelocityMLP, conditional_flow_matching_loss, integrate
 from cotlearn.mixtures import petals
 
 
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
-
-
 def batch(n=16):
-    x1, c = mixtures.petals().sample(n, generator=seeded())
+    x1, c = petals().sample(n, generator=seeded())
     return torch.randn(n, 2, generator=seeded(1)), x1, c
 
 
@@ -53,21 +45,12 @@ def test_without_a_condition():
 
 
 def test_a_stream_of_pairs():
-    def teacher(x0, c):
-        return x0 + c[:, :2]
-
-    def take(count, **options):
-        stream = Reflow(teacher).stream(
-            mixtures.petals(), batch_size=8, ot_batch_size=16, generator=seeded(), **options
-        )
-        return list(itertools.islice(stream, count))
-
-    batches = take(5)
+    coupling, sizes = Reflow(lambda x0, c: x0 + c[:, :2]), {"batch_size": 8, "ot_batch_size": 16}
+    batches = take(coupling, petals(), 5, **sizes)
     for pairs in batches:
         assert len(pairs) == 8
-        assert torch.equal(pairs.x1, teacher(pairs.x0, pairs.c))
-    for a, b in zip(batches[3:], take(2, start=3), strict=True):
-        assert torch.equal(a.x0, b.x0)
+        assert torch.equal(pairs.x1, pairs.x0 + pairs.c[:, :2])
+    assert all(map(same, batches[3:], take(coupling, petals(), 2, start=3, **sizes)))
 
 
 def test_rows_and_candidates():
@@ -81,33 +64,31 @@ def test_rows_and_candidates():
     assert repr(coupling) == "Reflow()"  # not the teacher's address in memory
 
 
-@pytest.mark.parametrize(
-    ("teacher", "error", "message"),
-    [
-        ("teacher", TypeError, "teacher must be a function"),
-        (lambda x0, c: x0[:3], ValueError, r"teacher.* must have shape \(16, 2\), got \(3, 2\)"),
-        (lambda x0, c: x0 * math.nan, ValueError, "teacher.* has NaN or infinite values"),
-        (lambda x0, c: x0.tolist(), TypeError, "teacher.* floating-point tensor.* list"),
-    ],
-)
-def test_bad_teachers(teacher, error, message):
-    with pytest.raises(error, match=message):
-        Reflow(teacher)(*batch())
-
-
 def test_fixed_pairs_keep_their_partners():
     x0, x1, c = torch.randn(40, 2), torch.randn(40, 3)[:, :2], torch.randn(40, 1)
-    stream = FixedPairs(x0).stream(
-        Dataset(x1, c), batch_size=16, generator=torch.Generator().manual_seed(0)
-    )
-    pairs = next(stream)
+    (pairs,) = take(FixedPairs(x0), Dataset(x1, c), 1)
     assert torch.equal(pairs.x0, x0[pairs.source_index])
     assert torch.equal(pairs.x1, x1[pairs.source_index])
     assert torch.equal(pairs.c, c[pairs.source_index])
-    with pytest.raises(ValueError, match="x0 has 40 rows"):
-        next(FixedPairs(x0).stream(Dataset(x1[:30], c[:30]), batch_size=16))
-    plain = next(FixedPairs(x0).stream(Dataset(x1), batch_size=16))
+    (plain,) = take(FixedPairs(x0), Dataset(x1), 1)
     assert plain.c is None
     assert torch.equal(plain.x0, x0[plain.source_index])
-    with pytest.raises(TypeError, match="needs finite data"):
-        next(FixedPairs(x0).stream(petals(), batch_size=16))
+
+
+def taught(teacher):
+    return Reflow(teacher)(*batch())
+
+
+FIXED = FixedPairs(torch.randn(40, 2))
+test_bad_input = refused(
+    (
+        lambda: taught(lambda x0, c: x0[:3]),
+        ValueError,
+        r"teacher.* must have shape \(16, 2\), got \(3, 2\)",
+    ),
+    (lambda: taught("teacher"), TypeError, "teacher must be a function"),
+    (lambda: taught(lambda x0, c: x0 / 0), ValueError, "teacher.* has NaN or infinite values"),
+    (lambda: taught(lambda x, c: x.tolist()), TypeError, "teacher.* floating-point tensor.* list"),
+    (lambda: take(FIXED, Dataset(torch.zeros(30, 2)), 1), ValueError, "x0 has 40 rows"),
+    (lambda: take(FIXED, petals(), 1), TypeError, "needs finite data"),
+)

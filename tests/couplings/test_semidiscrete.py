@@ -1,12 +1,14 @@
 """Semidiscrete OT against exact assignments, duality and its own definition."""
 
-import itertools
 import math
+from functools import partial
 
 import numpy as np
 import ot
 import pytest
+import support
 import torch
+from support import joined, refused, same, seeded
 
 from cotlearn import mixtures
 from cotlearn.couplings import SemidiscreteOT, semidiscrete
@@ -20,38 +22,25 @@ from cotlearn.storage import load_tensors, save_tensors
 pytestmark = pytest.mark.filterwarnings("ignore:the potential has not converged")
 
 
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
-
-
 def points(n=24, seed=0):
     g = seeded(seed)
     c = torch.eye(2)[torch.arange(n) % 2]
     return Dataset(torch.randn(n, 2, generator=g) + 3 * c, c)
 
 
-def take(coupling, data, count, batch_size=64, seed=5, **options):
-    stream = coupling.stream(data, batch_size=batch_size, generator=seeded(seed), **options)
-    return list(itertools.islice(stream, count))
-
-
-def joined(batches, name):
-    return torch.cat([getattr(batch, name) for batch in batches])
+take = partial(support.take, batch_size=64)
+DATA = points()
+X1, C = DATA.x1, DATA.c
 
 
 @pytest.fixture(scope="module")
-def data():
-    return points()
+def plain():
+    return SemidiscreteOT(iterations=1500).fit(X1, progress=False)
 
 
 @pytest.fixture(scope="module")
-def plain(data):
-    return SemidiscreteOT(iterations=1500).fit(data.x1, progress=False)
-
-
-@pytest.fixture(scope="module")
-def conditional(data):
-    return SemidiscreteOT(20.0, iterations=1500).fit(data.x1, data.c, progress=False)
+def conditional():
+    return SemidiscreteOT(20.0, iterations=1500).fit(X1, C, progress=False)
 
 
 def test_rows_are_chosen_equally_often(plain, conditional):
@@ -60,48 +49,40 @@ def test_rows_are_chosen_equally_often(plain, conditional):
         assert 0 < coupling.marginal_floor < 0.05
 
 
-def test_the_marginal_error_is_what_a_count_says(plain, data):
+def test_the_marginal_error_is_what_a_count_says(plain):
     """And without a fitted potential it is large."""
-    drawn = joined(take(plain, Dataset(data.x1), 100, 240), "target_index")
+    drawn = joined(take(plain, Dataset(X1), 100, batch_size=240), "target_index")
     frequency = torch.bincount(drawn, minlength=24) / 24_000
     distance = float((frequency - 1 / 24).abs().sum() / 2)
     assert distance == pytest.approx(plain.marginal_error, abs=0.015)
-    nearest = SemidiscreteOT(iterations=1).fit(data.x1, progress=False)
+    nearest = SemidiscreteOT(iterations=1).fit(X1, progress=False)
     assert nearest.marginal_error > 5 * plain.marginal_error
 
 
-def test_the_search_is_its_definition(conditional, data):
-    """argmin_j |x0 - x1_j|^2 + w |c0 - c_j|^2 - phi_j, pair by pair."""
+def test_the_search_is_its_definition(conditional):
+    """argmin_j |x0 - x1_j|^2 + w |c0 - c_j|^2 - phi_j, row by row."""
     x0 = torch.randn(24, 2, generator=seeded(1))
-    pairs = conditional(x0, data.x1, data.c)
+    pairs = conditional(x0, X1, C)
     phi = conditional.state_dict()["phi"].double()
     for i in range(24):
-        height = [
-            (x0[i].double() - data.x1[j].double()).square().sum()
-            + 20 * (data.c[i] - data.c[j]).double().square().sum()
-            - phi[j]
-            for j in range(24)
-        ]
-        assert pairs.target_index[i] == int(np.argmin(height))
+        of_c = 20 * (C[i] - C).double().square().sum(dim=1)
+        height = (x0[i].double() - X1.double()).square().sum(dim=1) + of_c - phi
+        assert pairs.target_index[i] == height.argmin()
     assert torch.equal(pairs.x0, x0)
-    assert torch.equal(pairs.c, data.c[pairs.target_index])
+    assert torch.equal(pairs.c, C[pairs.target_index])
 
 
 @pytest.mark.parametrize("weight", [0.0, 20.0])
-def test_transport_cost_and_dual_are_those_of_the_discretised_problem(
-    plain, conditional, data, weight
-):
+def test_transport_cost_and_dual_are_those_of_the_discretised_problem(plain, conditional, weight):
     """Primal, dual and an exact plan from 4,800 noise rows to the 24 points agree."""
     coupling = conditional if weight else plain
-    given = data if weight else Dataset(data.x1)
-    batches = take(coupling, given, 10, 480)
+    given = DATA if weight else Dataset(X1)
+    batches = take(coupling, given, 10, batch_size=480)
     x0, chosen = joined(batches, "x0").double(), joined(batches, "target_index")
-    if weight:  # the noise's condition is that of a random row: draw it again as `stream` does
-        own = torch.cat([conditional_rows(coupling, s) for s in range(10)])
-        source = torch.cat([x0, math.sqrt(weight) * data.c[own].double()], dim=1)
-        target = torch.cat([data.x1.double(), math.sqrt(weight) * data.c.double()], dim=1)
-    else:
-        source, target = x0, data.x1.double()
+    # the noise's condition is that of a random row: draw it again as `stream` does
+    own = torch.cat([torch.randint(24, (480,), generator=generator_for(5, s)) for s in range(10)])
+    c = math.sqrt(weight) * C.double()
+    source, target = torch.cat([x0, c[own]], dim=1), torch.cat([X1.double(), c], dim=1)
     cost = squared_distances(source, target)
     exact = ot.emd2(np.full(4800, 1 / 4800), np.full(24, 1 / 24), cost)
     primal = cost[np.arange(4800), chosen.numpy()].mean()
@@ -112,15 +93,11 @@ def test_transport_cost_and_dual_are_those_of_the_discretised_problem(
     assert primal == pytest.approx(exact, rel=0.03)
 
 
-def conditional_rows(coupling, number):
-    return torch.randint(24, (480,), generator=generator_for(5, number))
-
-
-def test_each_noise_row_has_as_many_candidates_as_the_data(plain, conditional, data):
+def test_each_noise_row_has_as_many_candidates_as_the_data(plain, conditional):
     x0 = torch.randn(24, 2, generator=seeded(1))
-    assert plain.candidates(x0, data.x1) == 24
-    assert conditional.candidates(x0, data.x1, data.c) == pytest.approx(12)  # those of its label
-    assert SemidiscreteOT().candidates(x0, data.x1) == 1
+    assert plain.candidates(x0, X1) == 24
+    assert conditional.candidates(x0, X1, C) == pytest.approx(12)  # those of its label
+    assert SemidiscreteOT().candidates(x0, X1) == 1
 
 
 def test_clusters_keep_to_themselves():
@@ -133,22 +110,21 @@ def test_clusters_keep_to_themselves():
     assert torch.equal(label[pairs.target_index], label)
     assert len(pairs.target_index.unique()) > 4
     sizes = torch.bincount(label).double()
-    assert coupling.candidates(pairs.x0, pairs.x1, c) == pytest.approx(
-        float((sizes**2).sum() / 200)
-    )
+    expected = float((sizes**2).sum() / 200)
+    assert coupling.candidates(pairs.x0, pairs.x1, c) == pytest.approx(expected)
 
 
-def test_clusters_are_the_same_as_one_problem_for_each(data):
+def test_clusters_are_the_same_as_one_problem_for_each():
     """Two labels as clusters: each cluster's marginal is uniform, and so is the whole."""
     coupling = SemidiscreteOT(clusters=2, iterations=1500)
-    coupling.fit(data.x1, data.c, progress=False)
+    coupling.fit(X1, C, progress=False)
     assert coupling.marginal_error < coupling.marginal_floor + 0.03
-    apart = SemidiscreteOT(iterations=1500).fit(data.x1[::2], progress=False)
+    apart = SemidiscreteOT(iterations=1500).fit(X1[::2], progress=False)
     x0 = torch.randn(12, 2, generator=seeded(3))
     both = torch.randn(24, 2)
     both[::2] = x0
-    together = coupling(both, data.x1, data.c).target_index[::2] // 2
-    alone = apart(x0, data.x1[::2]).target_index
+    together = coupling(both, X1, C).target_index[::2] // 2
+    alone = apart(x0, X1[::2]).target_index
     assert (together == alone).float().mean() > 0.7  # up to the noise of both fits
 
 
@@ -172,18 +148,14 @@ def test_many_rows_are_searched_in_parts():
         assert found[i] == height.argmin()
 
 
-def test_the_same_seed_gives_the_same_pairs_and_resumes(data):
-    options = {"iterations": 20}
-    first = take(SemidiscreteOT(5.0, **options), data, 5)
-    again = take(SemidiscreteOT(5.0, **options), data, 5)
-    later = take(SemidiscreteOT(5.0, **options), data, 2, start=3)
-    for a, b in zip(first + first[3:], again + later, strict=True):
-        assert torch.equal(a.x0, b.x0)
-        assert torch.equal(a.target_index, b.target_index)
+def test_the_same_seed_gives_the_same_pairs_and_resumes():
+    first, again = (take(SemidiscreteOT(5.0, iterations=20), DATA, 5) for _ in range(2))
+    later = take(SemidiscreteOT(5.0, iterations=20), DATA, 2, start=3)
+    assert all(map(same, first + first[3:], again + later))
     assert not torch.equal(first[0].x0, first[1].x0)
 
 
-def test_the_potential_is_saved_with_the_training(conditional, data, tmp_path, monkeypatch):
+def test_the_potential_is_saved_with_the_training(conditional, tmp_path, monkeypatch):
     save_tensors(tmp_path / "phi.safetensors", conditional.state_dict(), {})
     again = SemidiscreteOT(20.0)
     assert again.state_dict() == {}
@@ -193,25 +165,24 @@ def test_the_potential_is_saved_with_the_training(conditional, data, tmp_path, m
     assert again.marginal_error == conditional.marginal_error
     assert again.marginal_floor == conditional.marginal_floor
     monkeypatch.setattr(SemidiscreteOT, "fit", lambda *a, **k: pytest.fail("fitted again"))
-    for a, b in zip(take(conditional, data, 3), take(again, data, 3), strict=True):
-        assert torch.equal(a.target_index, b.target_index)
+    assert all(map(same, take(conditional, DATA, 3), take(again, DATA, 3)))
 
 
-def test_other_data_are_fitted_anew(data):
+def test_other_data_are_fitted_anew():
     coupling = SemidiscreteOT(iterations=5)
-    take(coupling, Dataset(data.x1), 1)
-    other = Dataset(data.x1 + 1)
+    take(coupling, Dataset(X1), 1)
+    other = Dataset(X1 + 1)
     used = take(coupling, other, 2)
     fresh = take(SemidiscreteOT(iterations=5), other, 2)
     assert torch.equal(used[1].target_index, fresh[1].target_index)
     assert torch.equal(used[0].x1, other.x1[used[0].target_index])
 
 
-def test_another_noise_is_fitted_anew(data):
+def test_another_noise_is_fitted_anew():
     def far(n, generator=None):
         return 5 + torch.rand(n, 2, generator=generator)
 
-    given = Dataset(data.x1)
+    given = Dataset(X1)
     coupling = SemidiscreteOT(iterations=300)
     take(coupling, given, 1)
     chosen = joined(take(coupling, given, 40, source=far), "target_index")
@@ -230,11 +201,6 @@ def test_a_large_weight_leaves_no_skew_and_none_much():
     assert skewed[1].statistic < 0.2 * skewed[0].statistic
 
 
-def test_endless_data_are_refused():
-    with pytest.raises(TypeError, match=r"endless.*Dataset"):
-        take(SemidiscreteOT(), mixtures.petals(), 1)
-
-
 def test_a_data_set_smaller_than_the_batch_duplicates_and_one_row():
     coupling = SemidiscreteOT(iterations=20)
     assert take(coupling, Dataset(torch.randn(3, 2)), 1)[0].x1.shape == (64, 2)
@@ -243,62 +209,51 @@ def test_a_data_set_smaller_than_the_batch_duplicates_and_one_row():
     assert coupling.marginal_error == 0
 
 
-def test_constant_integer_and_bool_conditions(data):
+def test_constant_integer_and_bool_conditions():
     options = {"iterations": 20}
     reference = SemidiscreteOT(3.0, **options)
     x0 = torch.randn(24, 2)
-    expected = reference(x0, data.x1, data.c)
+    expected = reference(x0, X1, C)
     for dtype in (torch.int64, torch.bool):
-        pairs = SemidiscreteOT(3.0, **options)(x0, data.x1, data.c.to(dtype))
+        pairs = SemidiscreteOT(3.0, **options)(x0, X1, C.to(dtype))
         assert torch.equal(pairs.target_index, expected.target_index)
     constant = torch.full((24, 1), 0.1)
-    weighed = SemidiscreteOT(3.0, clusters=4, **options)(x0, data.x1, constant)
-    plain = SemidiscreteOT(**options)(x0, data.x1)
+    weighed = SemidiscreteOT(3.0, clusters=4, **options)(x0, X1, constant)
+    plain = SemidiscreteOT(**options)(x0, X1)
     assert torch.equal(weighed.target_index, plain.target_index)
 
 
 def test_conditions_far_from_zero_cost_no_precision():
-    data = points()
     x0 = torch.randn(24, 2)
-    options = {"iterations": 20}
-    near = SemidiscreteOT(1e6, **options)(x0, data.x1, data.c)
-    far = SemidiscreteOT(1e6, **options)(x0, data.x1, data.c + 1e4)
+    near, far = (SemidiscreteOT(1e6, iterations=20)(x0, X1, c) for c in (C, C + 1e4))
     assert torch.equal(near.target_index, far.target_index)
 
 
 def test_a_weight_that_drowns_the_samples_is_told():
-    data = points()
     with pytest.warns(RuntimeWarning, match="condition_weight"):
-        SemidiscreteOT(1e20, iterations=2).fit(data.x1, data.c, progress=False)
+        SemidiscreteOT(1e20, iterations=2).fit(X1, C, progress=False)
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "message"),
-    [
-        (lambda d: SemidiscreteOT(-1.0), ValueError, "condition_weight must be at least 0"),
-        (lambda d: SemidiscreteOT(math.inf), ValueError, "condition_weight must be .* finite"),
-        (lambda d: SemidiscreteOT("much"), TypeError, "condition_weight must be a number"),
-        (lambda d: SemidiscreteOT(clusters=0), ValueError, "clusters must be at least 1"),
-        (lambda d: SemidiscreteOT(iterations=0), ValueError, "iterations must be at least 1"),
-        (lambda d: SemidiscreteOT(1.0).fit(d.x1), TypeError, "needs the conditions c"),
-        (lambda d: SemidiscreteOT(clusters=2).fit(d.x1), TypeError, "needs the conditions c"),
-        (lambda d: take(SemidiscreteOT(1.0), Dataset(d.x1), 1), TypeError, "needs the conditions"),
-        (lambda d: SemidiscreteOT(1.0).fit(d.x1, d.c[:5]), ValueError, "c has 5 rows, x1 has 24"),
-        (lambda d: SemidiscreteOT(1.0).fit(d.x1, d.c / 0), ValueError, "c has NaN"),
-        (lambda d: SemidiscreteOT().fit(d.x1 / 0), ValueError, "x1 has NaN"),
-        (lambda d: SemidiscreteOT().fit(d.x1[:0]), ValueError, "x1 is empty"),
-        (lambda d: SemidiscreteOT(clusters=25).fit(d.x1, d.c), ValueError, "clusters must be at m"),
-        (lambda d: take(SemidiscreteOT(), d, 1, ot_batch_size=128), ValueError, "ot_batch_size"),
-        (lambda d: take(SemidiscreteOT(), d, 1, batch_size=0), ValueError, "batch_size must be"),
-    ],
+test_bad_input = refused(
+    (lambda: SemidiscreteOT(-1.0), ValueError, "condition_weight must be at least 0"),
+    (lambda: SemidiscreteOT(math.inf), ValueError, "condition_weight must be .* finite"),
+    (lambda: SemidiscreteOT("much"), TypeError, "condition_weight must be a number"),
+    (lambda: SemidiscreteOT(clusters=0), ValueError, "clusters must be at least 1"),
+    (lambda: SemidiscreteOT(iterations=0), ValueError, "iterations must be at least 1"),
+    (lambda: SemidiscreteOT(1.0).fit(X1), TypeError, "needs the conditions c"),
+    (lambda: SemidiscreteOT(clusters=2).fit(X1), TypeError, "needs the conditions c"),
+    (lambda: take(SemidiscreteOT(1.0), Dataset(X1), 1), TypeError, "needs the conditions"),
+    (lambda: SemidiscreteOT(1.0).fit(X1, C[:5]), ValueError, "c has 5 rows, x1 has 24"),
+    (lambda: SemidiscreteOT(1.0).fit(X1, C / 0), ValueError, "c has NaN"),
+    (lambda: SemidiscreteOT().fit(X1 / 0), ValueError, "x1 has NaN"),
+    (lambda: SemidiscreteOT().fit(X1[:0]), ValueError, "x1 is empty"),
+    (lambda: SemidiscreteOT(clusters=25).fit(X1, C), ValueError, "clusters must be at most"),
+    (lambda: take(SemidiscreteOT(), mixtures.petals(), 1), TypeError, r"endless.*Dataset"),
 )
-def test_bad_input(call, error, message, data):
-    with pytest.raises(error, match=message):
-        call(data)
 
 
 def test_a_potential_that_has_not_converged_says_so():
-    x1 = 3 * torch.randn(2000, 2, generator=torch.Generator().manual_seed(0))
+    x1 = 3 * torch.randn(2000, 2, generator=seeded())
     with pytest.warns(RuntimeWarning, match="raise iterations above 3"):
         SemidiscreteOT(iterations=3).fit(x1, progress=False)
 

@@ -5,18 +5,10 @@ import math
 import numpy as np
 import pytest
 import torch
+from support import Still, refused, seeded
 
-from cotlearn import mixtures
-from cotlearn.couplings import (
-    AdaptiveConditionalOT,
-    ConditionalOT,
-    Independent,
-    MinibatchOT,
-    ModelAligned,
-    Reflow,
-    SemidiscreteOT,
-    StratifiedOT,
-)
+from cotlearn import couplings, mixtures
+from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT, ModelAligned, StratifiedOT
 from cotlearn.diagnostics import frontier, skew
 from cotlearn.gaussian import LinearGaussian
 
@@ -29,10 +21,6 @@ def few_relabellings():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(skew, "RELABELLINGS", 99)
         yield
-
-
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 COUPLINGS = {
@@ -98,9 +86,8 @@ def test_numbers_of_the_solvable_case():
     """Independent: E tr Var(x1 | x0, c) = tr S, E |x1 - x0|^2 = tr Var(x1) + d."""
     problem = LinearGaussian.example()
     x1, c = (torch.from_numpy(v).float() for v in problem.sample(3000, np.random.default_rng(0)))
-    points = frontier(
-        x1, c, {"independent": Independent(), "naive": MinibatchOT()}, **{**SMALL, "rows": 2560}
-    )
+    tried = {"independent": Independent(), "naive": MinibatchOT()}
+    points = frontier(x1, c, tried, **{**SMALL, "rows": 2560})
     independent, naive = points["independent"], points["naive"]
     assert independent.one_step_variance == pytest.approx(np.trace(problem.S), rel=0.15)
     total = np.trace(problem.covariance[:2, :2])
@@ -121,53 +108,43 @@ def test_one_step_error_of_a_deterministic_coupling_without_skew_is_small():
 
 def test_larger_batches_push_the_curve_to_the_origin():
     x1, c = mixtures.rotating_pair().sample(1600, generator=seeded())
-    coupling = {"COT": ConditionalOT(1000.0)}
-    small, large = (
-        frontier(x1, c, coupling, **{**SMALL, "batch_size": b})["COT"] for b in (32, 512)
-    )
+    tried = {"COT": ConditionalOT(1000.0)}
+    small, large = (frontier(x1, c, tried, **(SMALL | {"batch_size": b}))["COT"] for b in (32, 512))
     assert large.one_step_variance < 0.8 * small.one_step_variance
     assert large.candidates > 10 * small.candidates
     assert not large.flagged
 
 
-def test_every_coupling_finds_its_place():
-    class Still(torch.nn.Module):
-        def forward(self, t, x, c=None):
-            return torch.zeros_like(x)
+def aligned(variant, **options):
+    coupling = ModelAligned(variant, warmup_steps=0, **options)
+    coupling.observe(Still(), 0)
+    return coupling
 
+
+def test_every_coupling_finds_its_place():
     x1, c = mixtures.petals().sample(300, generator=seeded())
-    aligned = {v: ModelAligned(v, warmup_steps=0) for v in ("weighted", "topk", "full")}
-    for coupling in aligned.values():
-        coupling.observe(Still(), 0)
-    couplings = {
-        "adaptive": AdaptiveConditionalOT(0.3),
-        "semidiscrete": SemidiscreteOT(50.0, iterations=50),
-        "clusters": SemidiscreteOT(clusters=4, iterations=50),
-        "reflow": Reflow(lambda x0, c: x0 + c[:, :2]),
+    tried = {
+        "adaptive": couplings.AdaptiveConditionalOT(0.3),
+        "semidiscrete": couplings.SemidiscreteOT(50.0, iterations=50),
+        "clusters": couplings.SemidiscreteOT(clusters=4, iterations=50),
+        "reflow": couplings.Reflow(lambda x0, c: x0 + c[:, :2]),
         "labels": StratifiedOT(),
-        **aligned,
+        **{variant: aligned(variant) for variant in ("weighted", "topk", "full")},
     }
-    points = frontier(x1, c, couplings, batch_size=64, rows=256, repetitions=2, progress=False)
-    assert len(points) == len(couplings)
+    points = frontier(x1, c, tried, **{**SMALL, "batch_size": 64, "rows": 256})
+    assert len(points) == len(tried)
     for point in points:
-        assert all(
-            math.isfinite(value)
-            for value in (point.skew, point.one_step_variance, point.one_step_error)
-        )
+        numbers = point.skew, point.one_step_variance, point.one_step_error
+        assert all(map(math.isfinite, numbers))
     assert points["reflow"].one_step_variance < points["labels"].one_step_variance
 
 
 def test_weights_of_pairs_count():
     """Top-k of a zero network keeps the short pairs: they are not those of independent coupling."""
 
-    class Still(torch.nn.Module):
-        def forward(self, t, x, c=None):
-            return torch.zeros_like(x)
-
     x1, c = mixtures.petals().sample(600, generator=seeded())
-    topk = ModelAligned("topk", fraction=0.2, warmup_steps=0)
-    topk.observe(Still(), 0)
-    points = frontier(x1, c, {"independent": Independent(), "topk": topk}, **SMALL)
+    tried = {"independent": Independent(), "topk": aligned("topk", fraction=0.2)}
+    points = frontier(x1, c, tried, **SMALL)
     assert points["topk"].transport_cost < 0.7 * points["independent"].transport_cost
     assert points["topk"].flagged  # noise near its data: p(x0 | c) is not the prior
 
@@ -189,17 +166,14 @@ def test_constant_integer_and_badly_scaled_conditions(c):
     x1 = torch.randn(240, 2, generator=seeded())
     if isinstance(c, str):
         c = torch.randn(240, 2, generator=seeded(1)) * torch.tensor([1.0, 1e4])
-    points = frontier(
-        x1, c, {"i": Independent(), "n": MinibatchOT()}, batch_size=60, rows=240, repetitions=2,
-        progress=False,
-    )  # fmt: skip
+    tried = {"i": Independent(), "n": MinibatchOT()}
+    points = frontier(x1, c, tried, **{**SMALL, "batch_size": 60, "rows": 240})
     assert all(math.isfinite(p.skew) and math.isfinite(p.one_step_error) for p in points)
 
 
 def test_a_data_set_smaller_than_the_batch():
     x1, c = mixtures.petals().sample(200, generator=seeded())
-    points = frontier(x1, c, {"n": MinibatchOT()}, batch_size=1000, rows=300, repetitions=2,
-                      progress=False)  # fmt: skip
+    points = frontier(x1, c, {"n": MinibatchOT()}, **{**SMALL, "batch_size": 1000, "rows": 300})
     assert points["n"].candidates == 150
 
 
@@ -207,29 +181,23 @@ X, C = torch.randn(220, 2), torch.randn(220, 1)
 ONE = {"independent": Independent()}
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "message"),
-    [
-        (lambda: frontier(X[:99], C[:99], ONE), ValueError, "x1 needs at least 100 rows"),
-        (lambda: frontier(X, C[:9], ONE), ValueError, "c has 9 rows, x1 has 220"),
-        (lambda: frontier(X, C / 0, ONE), ValueError, "c has NaN"),
-        (lambda: frontier(X, None, ONE), TypeError, "c must be a torch tensor"),
-        (lambda: frontier(X, C, {}), ValueError, "couplings is empty"),
-        (lambda: frontier(X, C, ONE, batch_size=1), ValueError, "batch_size must be at least 2"),
-        (lambda: frontier(X, C, ONE, rows=1), ValueError, "rows must be at least"),
-        (lambda: frontier(X, C, ONE, rows=50, batch_size=10), ValueError, "rows must be at least"),
-        (lambda: frontier(X, C, ONE, repetitions=1), ValueError, "repetitions must be at least 2"),
-        (lambda: frontier(X, C, ONE, **SMALL)["naive"], KeyError, "no coupling 'naive'; expect"),
-    ],
+test_bad_input = refused(
+    (lambda: frontier(X[:99], C[:99], ONE), ValueError, "x1 needs at least 100 rows"),
+    (lambda: frontier(X, C[:9], ONE), ValueError, "c has 9 rows, x1 has 220"),
+    (lambda: frontier(X, C / 0, ONE), ValueError, "c has NaN"),
+    (lambda: frontier(X, None, ONE), TypeError, "c must be a torch tensor"),
+    (lambda: frontier(X, C, {}), ValueError, "couplings is empty"),
+    (lambda: frontier(X, C, ONE, batch_size=1), ValueError, "batch_size must be at least 2"),
+    (lambda: frontier(X, C, ONE, rows=1), ValueError, "rows must be at least"),
+    (lambda: frontier(X, C, ONE, rows=50, batch_size=10), ValueError, "rows must be at least"),
+    (lambda: frontier(X, C, ONE, repetitions=1), ValueError, "repetitions must be at least 2"),
+    (lambda: frontier(X, C, ONE, **SMALL)["naive"], KeyError, "no coupling 'naive'; expect"),
 )
-def test_bad_input(call, error, message):
-    with pytest.raises(error, match=message):
-        call()
 
 
 def test_seconds_of_epochs_count_the_assignments():
     """Strata are solved at the first batch of an epoch; the other batches cost next to nothing."""
-    x1, c = mixtures.rotating_pair().sample(4000, generator=torch.Generator().manual_seed(0))
-    couplings = {"strata": StratifiedOT(3), "independent": Independent()}
-    points = frontier(x1, c, couplings, rows=256, batch_size=128, repetitions=2)
+    x1, c = mixtures.rotating_pair().sample(4000, generator=seeded())
+    tried = {"strata": StratifiedOT(3), "independent": Independent()}
+    points = frontier(x1, c, tried, rows=256, batch_size=128, repetitions=2)
     assert points["strata"].seconds > 5 * points["independent"].seconds

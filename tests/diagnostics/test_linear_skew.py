@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from support import joined, refused, seeded, take
 
 from cotlearn.couplings import MinibatchOT, StratifiedOT, centred
 from cotlearn.datasets import Dataset
@@ -10,18 +11,13 @@ from cotlearn.diagnostics import linear_skew, prior_skew
 from cotlearn.mixtures import moving_modes
 
 
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
-
-
 def normal(n, d, seed=0):
     return torch.randn(n, d, generator=seeded(seed))
 
 
-def paired(coupling, data, *, rows, seed=0):
-    stream = coupling.stream(data, batch_size=256, generator=seeded(seed))
-    pairs = [next(stream) for _ in range(rows // 256)]
-    return torch.cat([p.x0 for p in pairs]), torch.cat([p.c for p in pairs])
+def paired(coupling, data, *, rows):
+    pairs = take(coupling, data, rows // 256, 256, generator=seeded())
+    return joined(pairs, "x0"), joined(pairs, "c")
 
 
 def following(n=10_000, d=20, k=8, noise=0.5, seed=0):
@@ -113,17 +109,14 @@ def test_a_constant_condition_explains_nothing():
     assert (found.explained, found.p_value, found.flagged) == (0, 1, False)
 
 
-def test_bad_input_is_named():
-    x0, c = normal(40, 4), normal(40, 9)
-    with pytest.raises(ValueError, match="at least 45 rows for 4 columns of noise and 9 features"):
-        linear_skew(x0, c)
-    with pytest.raises(ValueError, match="degree must be 1 or 2, got 3"):
-        linear_skew(x0, c, degree=3)
-    with pytest.raises(ValueError, match="cells must be"):
-        linear_skew(x0, c, cells=1)
-    with pytest.raises(ValueError, match=r"at least 95 rows for 4 columns .* 19 features"):
-        linear_skew(x0, c, cells=20)
-    with pytest.raises(ValueError, match="c has 39 rows"):
-        linear_skew(x0, c[:39])
-    with pytest.raises(ValueError, match="x0"):
-        linear_skew(x0 * float("nan"), c)
+X0, C = normal(40, 4), normal(40, 9)
+test_bad_input = refused(
+    ({}, "at least 45 rows for 4 columns of noise and 9 features"),
+    ({"degree": 3}, "degree must be 1 or 2, got 3"),
+    ({"cells": 1}, "cells must be"),
+    ({"cells": 20}, r"at least 95 rows for 4 columns .* 19 features"),
+    ({"c": C[:39]}, "c has 39 rows"),
+    ({"x0": X0 * float("nan")}, "x0"),
+    error=ValueError,
+    of=lambda **options: linear_skew(**({"x0": X0, "c": C} | options)),
+)

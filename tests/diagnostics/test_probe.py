@@ -1,6 +1,7 @@
 """The probe: one Euler step, learned from pairs and scored on held-out rows."""
 
 import torch
+from support import seeded, take
 
 from cotlearn import mixtures
 from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT
@@ -10,29 +11,25 @@ from cotlearn.diagnostics.probe import one_step_scores
 from cotlearn.metrics import energy_score, energy_scores
 
 
-def pairs_of(coupling, data, batches=8, seed=0):
-    stream = coupling.stream(data, batch_size=128, generator=torch.Generator().manual_seed(seed))
-    return Pairs.cat([next(stream) for _ in range(batches)])
+def scores_of(coupling, train, test):
+    pairs = Pairs.cat(take(coupling, train, 8, 128, generator=seeded()))
+    return one_step_scores(pairs, test, steps=300)
 
 
 def test_it_ranks_couplings_as_training_does():
     """Petals: COT is best at one step; the score is that of samples at fresh noise."""
-    x1, c = mixtures.petals().sample(1200, generator=torch.Generator().manual_seed(0))
+    x1, c = mixtures.petals().sample(1200, generator=seeded())
     train, test = Dataset(x1[:900], c[:900]), Dataset(x1[900:], c[900:])
     couplings = {"free": Independent(), "blind": MinibatchOT(), "cot": ConditionalOT(float("inf"))}
-    scores = {
-        name: one_step_scores(pairs_of(coupling, train), test, steps=300)
-        for name, coupling in couplings.items()
-    }
+    scores = {name: scores_of(coupling, train, test) for name, coupling in couplings.items()}
     assert scores["cot"].shape == (300,)
     means = {name: float(value.mean()) for name, value in scores.items()}
     assert means["cot"] < 0.9 * min(means["free"], means["blind"])
-    again = one_step_scores(pairs_of(couplings["cot"], train), test, steps=300)
-    assert torch.equal(again, scores["cot"])
+    assert torch.equal(scores_of(couplings["cot"], train, test), scores["cot"])
 
 
 def test_scores_average_to_the_score():
-    g = torch.Generator().manual_seed(0)
+    g = seeded()
     samples, truth = torch.randn(4, 9, 3, generator=g), torch.randn(9, 3, generator=g)
     each = energy_scores(samples, truth)
     assert each.shape == (9,)

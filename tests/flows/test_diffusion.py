@@ -2,6 +2,7 @@ import math
 
 import pytest
 import torch
+from support import refused, seeded
 
 from cotlearn.couplings import Independent
 from cotlearn.datasets import Dataset
@@ -27,12 +28,17 @@ def optimal(diffusion):
     return network
 
 
+def trained(network, data, loss, steps):
+    options = {"steps": steps, "batch_size": 128, "progress": False}
+    return fit(network, data, Independent(), loss=loss, **options).network
+
+
 #: Every target that a network can predict, with zero terminal SNR where that can be sampled.
 MODELS = [("noise", False), ("data", True), ("velocity", True)]
 
 
 def noise(*shape, seed=0):
-    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    return torch.randn(*shape, generator=seeded(seed), dtype=torch.float64)
 
 
 def test_the_schedule():
@@ -146,28 +152,18 @@ def _no_noise_in_the_judge(monkeypatch):
         from diffusers.schedulers import scheduling_ddpm
     except ImportError:
         return
-    monkeypatch.setattr(
-        scheduling_ddpm, "randn_tensor", lambda shape, **options: torch.zeros(shape)
-    )
+    monkeypatch.setattr(scheduling_ddpm, "randn_tensor", lambda shape, **_: torch.zeros(shape))
 
 
 @pytest.mark.parametrize(("prediction", "zero"), MODELS)
 def test_training_with_fit(prediction, zero):
     """A network that predicts the noise needs data of a small range, and its clipping."""
     spread = torch.tensor([1.0, 0.8]) if zero else DEVIATION
-    generator = torch.Generator().manual_seed(0)
+    generator = seeded()
     data = Dataset(MEAN + spread * torch.randn(4000, 2, generator=generator))
     clip = None if zero else 1.0
     diffusion = Diffusion(20, clip=clip, prediction=prediction, zero_terminal_snr=zero)
-    network = fit(
-        VelocityMLP(2, width=64, seed=0),
-        data,
-        Independent(),
-        steps=500,
-        batch_size=128,
-        loss=diffusion.loss,
-        progress=False,
-    ).network
+    network = trained(VelocityMLP(2, width=64, seed=0), data, diffusion.loss, 500)
     fresh = noise(19, 4000, 2, seed=1).float()
     x = diffusion.ddpm(network, noise(4000, 2).float(), noise=fresh)
     assert torch.allclose(x.mean(dim=0), MEAN, atol=0.1 if zero else 0.05)
@@ -175,41 +171,23 @@ def test_training_with_fit(prediction, zero):
 
 
 def test_regression_learns_the_conditional_mean():
-    generator = torch.Generator().manual_seed(0)
+    generator = seeded()
     c = torch.randint(2, (4000, 1), generator=generator).float()
     data = Dataset(2 * c - 1 + 0.5 * torch.randn(4000, 1, generator=generator), c)
-    network = fit(
-        VelocityMLP(1, 1, width=32, seed=0),
-        data,
-        Independent(),
-        steps=300,
-        batch_size=128,
-        loss=regression_loss,
-        progress=False,
-    ).network
+    network = trained(VelocityMLP(1, 1, width=32, seed=0), data, regression_loss, 300)
     mean = predict(network, torch.randn(2, 1), torch.tensor([[0.0], [1.0]]))
     assert torch.allclose(mean, torch.tensor([[-1.0], [1.0]]), atol=0.1)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: Diffusion(1), "levels must be at least 2"),
-        (lambda: Diffusion(10, clip=0.0), "clip must be above 0"),
-        (lambda: Diffusion(prediction="x0"), "prediction must be one of velocity, data, noise"),
-        (lambda: Diffusion(zero_terminal_snr=True), "prediction must be data or velocity"),
-        (lambda: Diffusion(10).ddim_levels(11), "nfe must be at most the 10 levels"),
-        (lambda: Diffusion(10).ddim_levels(2, "even"), "spacing must be one of leading, trailing"),
-        (
-            lambda: Diffusion(10).ddpm(VelocityMLP(2), torch.zeros(3, 2), noise=torch.zeros(9, 2)),
-            r"noise must have shape \(9, 3, 2\)",
-        ),
-        (
-            lambda: Diffusion(10).ddim(VelocityMLP(2), torch.zeros(3, 2), torch.zeros(2, 1), nfe=2),
-            "condition_dim=0, but got c",
-        ),
-    ],
+NET, X = VelocityMLP(2), torch.zeros(3, 2)
+test_bad_input = refused(
+    (lambda: Diffusion(1), "levels must be at least 2"),
+    (lambda: Diffusion(10, clip=0.0), "clip must be above 0"),
+    (lambda: Diffusion(prediction="x0"), "prediction must be one of velocity, data, noise"),
+    (lambda: Diffusion(zero_terminal_snr=True), "prediction must be data or velocity"),
+    (lambda: Diffusion(10).ddim_levels(11), "nfe must be at most the 10 levels"),
+    (lambda: Diffusion(10).ddim_levels(2, "even"), "spacing must be one of leading, trailing"),
+    (lambda: Diffusion(10).ddpm(NET, X, noise=X), r"noise must have shape \(9, 3, 2\)"),
+    (lambda: Diffusion(10).ddim(NET, X, X[:2, :1], nfe=2), "condition_dim=0, but got c"),
+    error=ValueError,
 )
-def test_bad_input(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()

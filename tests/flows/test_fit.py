@@ -7,13 +7,15 @@ import subprocess
 import sys
 import textwrap
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from support import refused, same_weights, seeded
 from torch import nn
 
-from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT, Pairs
+from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT
 from cotlearn.datasets import Dataset, unconditional
 from cotlearn.flows import FlowMatching, VelocityMLP, conditional_flow_matching_loss, fit, integrate
 from cotlearn.flows.training import FitResult
@@ -38,9 +40,7 @@ def train(net=None, data=None, coupling=None, **options) -> FitResult:
 
 def assert_same(first: FitResult, second: FitResult):
     """Bit for bit, all but the seconds."""
-    left, right = first.network.state_dict(), second.network.state_dict()
-    assert left.keys() == right.keys()
-    assert all(torch.equal(left[name], right[name]) for name in left)
+    assert same_weights(first.network, second.network)
     for name in ("step", "loss"):
         assert np.array_equal(first.history[name], second.history[name])
 
@@ -86,25 +86,23 @@ def kill():
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "run.safetensors"
+
+
 # --- learning ---
 
 
 def test_it_learns():
     data = petals()
-    result = fit(
-        VelocityMLP(2, 4, width=64, seed=0),
-        data,
-        ConditionalOT(math.inf),
-        steps=500,
-        batch_size=128,
-        seed=0,
-        learning_rate=1e-2,
-    )
+    options = {"steps": 500, "batch_size": 128, "seed": 0, "learning_rate": 1e-2}
+    result = fit(VelocityMLP(2, 4, width=64, seed=0), data, ConditionalOT(math.inf), **options)
     assert result.history["loss"][-1] < 0.2 * result.history["loss"][0]
     c = data.conditions()[[0] * 400]
-    noise = torch.randn(400, 2, generator=torch.Generator().manual_seed(0))
+    noise = torch.randn(400, 2, generator=seeded())
     made = integrate(result.network, noise, c, nfe=8).x1
-    truth = data.sample_given(c, generator=torch.Generator().manual_seed(1))
+    truth = data.sample_given(c, generator=seeded(1))
     assert squared_w2(made, truth) < 0.05 * squared_w2(noise, truth)
 
 
@@ -201,11 +199,7 @@ def test_without_a_condition_and_with_continuous_ones():
 
 
 def test_double_precision():
-    class Double:
-        def sample(self, n, generator=None):
-            return torch.randn(n, 2, generator=generator, dtype=torch.float64), None
-
-    result = train(network(condition_dim=0).double(), Double())
+    result = train(network(condition_dim=0).double(), Dataset(torch.randn(99, 2).double()))
     assert result.network.layers[0].weight.dtype == torch.float64
 
 
@@ -228,9 +222,7 @@ def test_weights_of_rows_reach_the_loss():
     class Half(Independent):
         def __call__(self, x0, x1, c=None, generator=None):
             pairs = super().__call__(x0, x1, c, generator)
-            rows = torch.arange(len(x0))
-            weight = 2.0 * (rows < len(x0) // 2)
-            return Pairs(pairs.x0, pairs.x1, pairs.c, rows, rows, weight)
+            return replace(pairs, weight=2.0 * (torch.arange(len(x0)) < len(x0) // 2))
 
     seen = []
 
@@ -258,8 +250,7 @@ def test_the_coupling_sees_the_averaged_network_before_each_step():
 
 @pytest.mark.parametrize("ot_batch_size", [16, 64])
 @pytest.mark.parametrize("at", [2, 4, 6])  # the first call takes a fingerprint of the data
-def test_ctrl_c_leaves_a_checkpoint_that_resumes_to_the_same_result(tmp_path, at, ot_batch_size):
-    path = tmp_path / "run.safetensors"
+def test_ctrl_c_leaves_a_checkpoint_that_resumes_to_the_same_result(path, at, ot_batch_size):
     options = {"ot_batch_size": ot_batch_size, "checkpoint": path}
     with pytest.raises(KeyboardInterrupt, match="stopped after step"):
         train(data=Interrupting(at), **options)
@@ -268,7 +259,7 @@ def test_ctrl_c_leaves_a_checkpoint_that_resumes_to_the_same_result(tmp_path, at
     assert_same(train(**options), train(ot_batch_size=ot_batch_size))
 
 
-def test_interrupted_twice_and_resumed_in_double_precision(tmp_path):
+def test_interrupted_twice_and_resumed_in_double_precision(path):
     class Double:
         name = "petals"
 
@@ -276,7 +267,6 @@ def test_interrupted_twice_and_resumed_in_double_precision(tmp_path):
             x1, c = petals().sample(n, generator=generator)
             return x1.double(), c
 
-    path = tmp_path / "run.safetensors"
     for at in (4, 6):
         with pytest.raises(KeyboardInterrupt):
             train(network().double(), Interrupting(at, Double()), checkpoint=path)
@@ -300,8 +290,7 @@ def test_a_second_ctrl_c_does_not_wait_for_the_step():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_an_error_leaves_the_last_checkpoint(tmp_path):
-    path = tmp_path / "run.safetensors"
+def test_an_error_leaves_the_last_checkpoint(path):
     options = {"checkpoint": path, "checkpoint_every": 10}
     with pytest.raises(OSError, match="the disk is gone"):
         train(loss=Hooked(24, fail), **options)
@@ -336,7 +325,7 @@ def test_training_in_a_thread():
 SCRIPT = """
     import os
     import sys
-    sys.path.insert(0, {folder!r})
+    sys.path = {path!r}
     from test_fit import Hooked, interrupt, kill, train
 
     child = os.fork()  # which is killed, and this process interrupted
@@ -352,7 +341,7 @@ SCRIPT = """
 def ended(tmp_path_factory):
     """A folder with the checkpoint of a process that ended so, and what both left."""
     where = tmp_path_factory.mktemp("ended")
-    script = textwrap.dedent(SCRIPT).format(folder=os.path.dirname(__file__), where=str(where))
+    script = textwrap.dedent(SCRIPT).format(path=sys.path, where=str(where))
     command = [sys.executable, "-c", script]
     return where, subprocess.run(command, check=False, capture_output=True, text=True)
 
@@ -373,18 +362,17 @@ def test_a_killed_process_resumes_to_the_same_result(ended, what):
     assert_same(resumed, train())
 
 
-def test_a_finished_training_is_loaded_and_not_repeated(tmp_path):
-    path = tmp_path / "run.safetensors"
+def test_a_finished_training_is_loaded_and_not_repeated(path):
     first = train(checkpoint=path)
     counting = Hooked()
     second = train(loss=counting, checkpoint=path)
     assert counting.calls == 0
     assert_same(first, second)
     assert np.array_equal(first.history["seconds"], second.history["seconds"])
-    assert [p.name for p in tmp_path.iterdir()] == ["run.safetensors"]  # nothing left behind
+    assert [p.name for p in path.parent.iterdir()] == ["run.safetensors"]  # nothing left behind
 
 
-def test_the_state_of_a_coupling_is_kept(tmp_path):
+def test_the_state_of_a_coupling_is_kept(path):
     class Counting(MinibatchOT):
         def __init__(self):
             super().__init__()
@@ -399,7 +387,6 @@ def test_the_state_of_a_coupling_is_kept(tmp_path):
         def load_state_dict(self, state):
             self._steps = state["steps"]
 
-    path = tmp_path / "run.safetensors"
     with pytest.raises(KeyboardInterrupt):
         train(loss=Hooked(9, interrupt), coupling=Counting(), checkpoint=path)
     coupling = Counting()
@@ -407,7 +394,7 @@ def test_the_state_of_a_coupling_is_kept(tmp_path):
     assert coupling._steps == 30
 
 
-def test_networks_with_shared_weights_can_be_saved(tmp_path):
+def test_networks_with_shared_weights_can_be_saved(path):
     class Tied(nn.Module):
         def __init__(self):
             super().__init__()
@@ -420,7 +407,6 @@ def test_networks_with_shared_weights_can_be_saved(tmp_path):
 
     torch.manual_seed(0)
     net = Tied()
-    path = tmp_path / "run.safetensors"
     with pytest.raises(KeyboardInterrupt):
         train(net, Interrupting(9), checkpoint=path)
     assert_same(train(net, checkpoint=path), train(net))
@@ -436,8 +422,7 @@ def finished(tmp_path_factory):
     return path.read_bytes()
 
 
-def test_a_flipped_byte_is_found_or_does_no_harm(tmp_path, finished):
-    path = tmp_path / "run.safetensors"
+def test_a_flipped_byte_is_found_or_does_no_harm(path, finished):
     whole = train()
     rng = np.random.default_rng(0)
     header = 8 + int.from_bytes(finished[:8], "little")
@@ -459,33 +444,30 @@ def test_a_flipped_byte_is_found_or_does_no_harm(tmp_path, finished):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.1, 0.5, 0.999])
-def test_a_truncated_checkpoint_is_found(tmp_path, finished, share):
-    path = tmp_path / "run.safetensors"
+def test_a_truncated_checkpoint_is_found(path, finished, share):
     path.write_bytes(finished[: int(share * len(finished))])
     with pytest.raises(ValueError, match=r"run.safetensors is damaged"):
         train(checkpoint=path)
 
 
-def test_a_checkpoint_knows_what_a_loss_does(tmp_path):
+def test_a_checkpoint_knows_what_a_loss_does(path):
     def scaled(factor):
         def loss(network, pairs, generator):
             return factor * conditional_flow_matching_loss(network, pairs, generator)
 
         return loss
 
-    path = tmp_path / "run.safetensors"
     first = train(loss=scaled(2.0), checkpoint=path)
     assert_same(train(loss=scaled(2.0), checkpoint=path), first)
     with pytest.raises(ValueError, match="code of loss was"):
         train(loss=scaled(3.0), checkpoint=path)
 
 
-def test_a_loss_without_a_repr_resumes_in_another_process(tmp_path):
+def test_a_loss_without_a_repr_resumes_in_another_process(path):
     class Plain:
         def __call__(self, network, pairs, generator):
             return conditional_flow_matching_loss(network, pairs, generator)
 
-    path = tmp_path / "run.safetensors"
     first, another = train(loss=Plain(), checkpoint=path), Plain()  # at another address
     assert_same(train(loss=another, checkpoint=path), first)
 
@@ -519,8 +501,7 @@ def test_another_file_is_no_checkpoint(tmp_path):
         ({"source": lambda n, generator: torch.zeros(n, 2)}, "source was 'standard normal', now"),
     ],
 )
-def test_a_checkpoint_of_another_training_says_what_differs(tmp_path, finished, change, message):
-    path = tmp_path / "run.safetensors"
+def test_a_checkpoint_of_another_training_says_what_differs(path, finished, change, message):
     path.write_bytes(finished)
     with pytest.raises(ValueError, match=f"run.safetensors.*(?s:{message})"):
         train(**change, checkpoint=path)
@@ -531,8 +512,7 @@ def test_a_checkpoint_of_another_training_says_what_differs(tmp_path, finished, 
 
 
 @pytest.mark.parametrize("options", [{}, {"checkpoint_every": 2}])
-def test_a_loss_that_is_not_finite_stops(tmp_path, options):
-    path = tmp_path / "run.safetensors"
+def test_a_loss_that_is_not_finite_stops(path, options):
     with pytest.raises(RuntimeError, match=r"the loss became (nan|inf) by step .* learning_rate"):
         train(loss=lambda net, pairs, g: net(0, pairs.x0, pairs.c).sum(dim=1) * math.inf, **options)
     with pytest.raises(RuntimeError, match="the loss became"):
@@ -544,52 +524,42 @@ def test_a_loss_that_is_not_finite_stops(tmp_path, options):
         assert torch.isfinite(tensors["unlogged"]).all()
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "message"),
-    [
-        ({"steps": 0}, ValueError, "steps must be at least 1"),
-        ({"steps": 1.5}, TypeError, "steps must be an integer"),
-        ({"batch_size": 0}, ValueError, "batch_size must be at least 1"),
-        ({"ot_batch_size": 8}, ValueError, "ot_batch_size must be at least 16"),
-        ({"ot_batch_size": 24}, ValueError, "ot_batch_size must be a multiple of batch_size 16"),
-        ({"seed": -1}, ValueError, "seed must be at least 0"),
-        ({"seed": None}, TypeError, "seed must be an integer"),
-        ({"learning_rate": 0}, ValueError, "learning_rate must be above 0"),
-        ({"learning_rate": -1}, ValueError, "learning_rate must be at least 0"),
-        ({"learning_rate": math.nan}, ValueError, "learning_rate must be at least 0"),
-        ({"schedule": "linear"}, ValueError, "schedule must be one of cosine, constant"),
-        ({"ema": 1.1}, ValueError, r"ema must lie in \[0, 1\]"),
-        ({"ema": -0.1}, ValueError, "ema must be at least 0"),
-        ({"log_every": 0}, ValueError, "log_every must be at least 1"),
-        ({"checkpoint_every": 0}, ValueError, "checkpoint_every must be at least 1"),
-        ({"net": lambda t, x, c: x}, TypeError, "network must be a torch.nn.Module, got <function"),
-        ({"net": VelocityMLP}, TypeError, "network must be .* got <class .*VelocityMLP"),
-        ({"net": nn.Identity()}, ValueError, "network has no parameters"),
-        ({"data": petals}, TypeError, "data must be .* with sample"),
-        ({"data": torch.zeros(3, 2)}, TypeError, "data must be .* with sample"),
-        ({"coupling": MinibatchOT}, TypeError, "coupling must .* got <class .*MinibatchOT"),
-        (
-            {"coupling": "minibatch_ot"},
-            TypeError,
-            "coupling must be a coupling .* got 'minibatch_ot'",
-        ),
-        ({"data": unconditional(petals()), "coupling": ConditionalOT()}, TypeError, "needs the"),
-        ({"data": unconditional(petals())}, ValueError, "c is missing: VelocityMLP needs"),
-        ({"net": network(condition_dim=0)}, ValueError, "condition_dim=0, but got c"),
-        ({"net": network(condition_dim=3)}, ValueError, "c has 4 columns, expected 3"),
-        ({"net": network(dim=3)}, ValueError, "x1 has 2 columns, expected 3"),
-        ({"loss": lambda net, pairs, g: torch.zeros(())}, ValueError, "loss must return one value"),
-        ({"source": lambda n, generator=None: torch.zeros(n, 3)}, ValueError, r"source\(n\) must"),
-    ],
+test_bad_input = refused(
+    ({"steps": 0}, ValueError, "steps must be at least 1"),
+    ({"steps": 1.5}, TypeError, "steps must be an integer"),
+    ({"batch_size": 0}, ValueError, "batch_size must be at least 1"),
+    ({"ot_batch_size": 8}, ValueError, "ot_batch_size must be at least 16"),
+    ({"ot_batch_size": 24}, ValueError, "ot_batch_size must be a multiple of batch_size 16"),
+    ({"seed": -1}, ValueError, "seed must be at least 0"),
+    ({"seed": None}, TypeError, "seed must be an integer"),
+    ({"learning_rate": 0}, ValueError, "learning_rate must be above 0"),
+    ({"learning_rate": -1}, ValueError, "learning_rate must be at least 0"),
+    ({"learning_rate": math.nan}, ValueError, "learning_rate must be at least 0"),
+    ({"schedule": "linear"}, ValueError, "schedule must be one of cosine, constant"),
+    ({"ema": 1.1}, ValueError, r"ema must lie in \[0, 1\]"),
+    ({"ema": -0.1}, ValueError, "ema must be at least 0"),
+    ({"log_every": 0}, ValueError, "log_every must be at least 1"),
+    ({"checkpoint_every": 0}, ValueError, "checkpoint_every must be at least 1"),
+    ({"net": lambda t, x, c: x}, TypeError, "network must be a torch.nn.Module, got <function"),
+    ({"net": VelocityMLP}, TypeError, "network must be .* got <class .*VelocityMLP"),
+    ({"net": nn.Identity()}, ValueError, "network has no parameters"),
+    ({"data": petals}, TypeError, "data must be .* with sample"),
+    ({"data": torch.zeros(3, 2)}, TypeError, "data must be .* with sample"),
+    ({"coupling": MinibatchOT}, TypeError, "coupling must .* got <class .*MinibatchOT"),
+    ({"coupling": "minibatch_ot"}, TypeError, "coupling must be a coupling .* got 'minibatch_ot'"),
+    ({"data": unconditional(petals()), "coupling": ConditionalOT()}, TypeError, "needs the"),
+    ({"data": unconditional(petals())}, ValueError, "c is missing: VelocityMLP needs"),
+    ({"net": network(condition_dim=0)}, ValueError, "condition_dim=0, but got c"),
+    ({"net": network(condition_dim=3)}, ValueError, "c has 4 columns, expected 3"),
+    ({"net": network(dim=3)}, ValueError, "x1 has 2 columns, expected 3"),
+    ({"loss": lambda net, pairs, g: torch.zeros(())}, ValueError, "loss must return one value"),
+    ({"source": lambda n, generator=None: torch.zeros(n, 3)}, ValueError, r"source\(n\) must"),
+    of=train,
 )
-def test_bad_input(options, error, message):
-    with pytest.raises(error, match=message):
-        train(**options)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
-def test_a_gpu_trains_and_resumes(tmp_path):
-    path = tmp_path / "run.safetensors"
+def test_a_gpu_trains_and_resumes(path):
     net = network().cuda()
     with pytest.raises(KeyboardInterrupt):
         train(net, Interrupting(9), checkpoint=path)

@@ -1,22 +1,11 @@
 import pytest
 import torch
+from support import seeded
 
 from cotlearn.couplings import Pairs
-from cotlearn.flows import (
-    FlowMatching,
-    VelocityMLP,
-    conditional_flow_matching_loss,
-    flow_matching_step,
-    integrate,
-    interpolate,
-    velocity_of,
-)
-from cotlearn.flows.matching import weighted_mean
+from cotlearn.flows import FlowMatching, VelocityMLP, flow_matching_step, integrate, velocity_of
+from cotlearn.flows.matching import conditional_flow_matching_loss, interpolate, weighted_mean
 from cotlearn.mixtures import petals
-
-
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def pairs(n=6, weight=None):

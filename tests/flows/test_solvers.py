@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from support import refused, seeded
 
 from cotlearn.flows import VelocityMLP, integrate, sampler
 from cotlearn.gaussian import LinearGaussian
@@ -12,10 +13,6 @@ from cotlearn.mixtures import petals
 
 NETWORK = VelocityMLP(2, 4, width=8, depth=1).double()
 FIXED = {"euler": (1, 1), "midpoint": (2, 2), "heun": (2, 2), "rk4": (4, 4)}  # evaluations, order
-
-
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def known(t, x, c):
@@ -133,8 +130,7 @@ def test_dtype_condition_and_inputs(method, dtype):
     nfe = 8 if method in FIXED else None
     solution = integrate(known, x0, c, nfe=nfe, method=method)
     assert solution.x1.dtype == dtype
-    assert torch.equal(x0, before[0])
-    assert torch.equal(c, before[1])
+    assert all(map(torch.equal, (x0, c), before))
     assert not torch.allclose(solution.x1, integrate(known, x0, nfe=nfe, method=method).x1)
 
 
@@ -157,54 +153,34 @@ def test_euler_on_the_exactly_solvable_case():
     assert torch.allclose(x.T.cov(), torch.from_numpy(covariance), atol=0.03)
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "message"),
-    [
-        ({}, ValueError, "nfe is missing"),
-        ({"nfe": 0}, ValueError, "nfe must be at least 1"),
-        ({"nfe": -2}, ValueError, "nfe must be at least 1"),
-        ({"nfe": 2.0}, TypeError, "nfe must be an integer"),
-        ({"nfe": True}, TypeError, "nfe must be an integer"),
-        ({"nfe": 3, "method": "midpoint"}, ValueError, "nfe must be divisible by 2 for midpoint"),
-        ({"nfe": 5, "method": "heun"}, ValueError, "nfe must be divisible by 2 for heun, got 5"),
-        ({"nfe": 6, "method": "rk4"}, ValueError, "nfe must be divisible by 4 for rk4, got 6"),
-        ({"nfe": 4, "method": "rk45"}, ValueError, "method must be one of euler, midpoint, heun"),
-        ({"nfe": 4, "method": "dopri5"}, ValueError, "nfe must be None for dopri5"),
-        ({"nfe": 1, "x0": torch.zeros(2)}, ValueError, r"x0 must have shape"),
-        ({"nfe": 1, "x0": torch.zeros(0, 2)}, ValueError, "x0 is empty"),
-        ({"nfe": 1, "x0": torch.full((1, 2), math.nan)}, ValueError, "x0 has NaN"),
-        ({"nfe": 1, "x0": [[0.0]]}, TypeError, "x0 must be a torch tensor"),
-        ({"nfe": 1, "c": torch.zeros(4, 1)}, ValueError, "c has 4 rows, x0 has 5"),
-        ({"nfe": 1, "c": torch.zeros(5)}, ValueError, "c must have shape"),
-        (
-            {"nfe": 1, "velocity": VelocityMLP(2, 4)},
-            TypeError,
-            "x0 must have the weights' type",
-        ),
-        ({"nfe": 1, "velocity": NETWORK}, ValueError, r"c is missing: .* \(rows, 4\)"),
-        (
-            {"nfe": 1, "velocity": NETWORK, "c": torch.zeros(5, 3)},
-            ValueError,
-            "c has 3 columns, expected 4",
-        ),
-        ({"nfe": 1, "velocity": VelocityMLP(3).double()}, ValueError, "x0 has 2 columns, expected"),
-        (
-            {"nfe": 1, "velocity": VelocityMLP(2).double(), "c": torch.zeros(5, 3)},
-            ValueError,
-            "condition_dim=0, but got c",
-        ),
-        ({"nfe": 1, "velocity": lambda t, x, c: x[:2]}, ValueError, "velocity must return shape"),
-        ({"nfe": 1, "velocity": lambda t, x, c: 0.0}, TypeError, "velocity must .* got float"),
-    ],
+BLIND, C = VelocityMLP(2).double(), torch.zeros(5, 3)
+test_bad_input = refused(
+    ({}, ValueError, "nfe is missing"),
+    ({"nfe": 0}, ValueError, "nfe must be at least 1"),
+    ({"nfe": -2}, ValueError, "nfe must be at least 1"),
+    ({"nfe": 2.0}, TypeError, "nfe must be an integer"),
+    ({"nfe": True}, TypeError, "nfe must be an integer"),
+    ({"nfe": 3, "method": "midpoint"}, ValueError, "nfe must be divisible by 2 for midpoint"),
+    ({"nfe": 5, "method": "heun"}, ValueError, "nfe must be divisible by 2 for heun, got 5"),
+    ({"nfe": 6, "method": "rk4"}, ValueError, "nfe must be divisible by 4 for rk4, got 6"),
+    ({"nfe": 4, "method": "rk45"}, ValueError, "method must be one of euler, midpoint, heun"),
+    ({"nfe": 4, "method": "dopri5"}, ValueError, "nfe must be None for dopri5"),
+    ({"nfe": 1, "x0": torch.zeros(2)}, ValueError, r"x0 must have shape"),
+    ({"nfe": 1, "x0": torch.zeros(0, 2)}, ValueError, "x0 is empty"),
+    ({"nfe": 1, "x0": torch.full((1, 2), math.nan)}, ValueError, "x0 has NaN"),
+    ({"nfe": 1, "x0": [[0.0]]}, TypeError, "x0 must be a torch tensor"),
+    ({"nfe": 1, "c": torch.zeros(4, 1)}, ValueError, "c has 4 rows, x0 has 5"),
+    ({"nfe": 1, "c": torch.zeros(5)}, ValueError, "c must have shape"),
+    ({"nfe": 1, "velocity": VelocityMLP(2, 4)}, TypeError, "x0 must have the weights' type"),
+    ({"nfe": 1, "velocity": NETWORK}, ValueError, r"c is missing: .* \(rows, 4\)"),
+    ({"nfe": 1, "velocity": NETWORK, "c": C}, ValueError, "c has 3 columns, expected 4"),
+    ({"nfe": 1, "velocity": VelocityMLP(3).double()}, ValueError, "x0 has 2 columns, expected"),
+    ({"nfe": 1, "velocity": BLIND, "c": C}, ValueError, "condition_dim=0, but got c"),
+    ({"nfe": 1, "velocity": lambda t, x, c: x[:2]}, ValueError, "velocity must return shape"),
+    ({"nfe": 1, "velocity": lambda t, x, c: 0.0}, TypeError, "velocity must .* got float"),
+    ({"method": "dopri5", "velocity": lambda t, x, c: x * math.nan}, RuntimeError, "dopri5"),
+    of=lambda **options: integrate(**{"velocity": known, "x0": start(), **options}),
 )
-def test_bad_input(options, error, message):
-    with pytest.raises(error, match=message):
-        integrate(**{"velocity": known, "x0": start(), **options})
-
-
-def test_dopri5_gives_up_on_a_field_that_is_not_finite():
-    with pytest.raises(RuntimeError, match="dopri5"):
-        integrate(lambda t, x, c: x * math.nan, start(), method="dopri5")
 
 
 def test_sampler_draws_fresh_noise_for_each_row():

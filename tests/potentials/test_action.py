@@ -6,41 +6,14 @@ import math
 import pytest
 import torch
 from scipy.optimize import minimize
-from torch.nn.utils import parameters_to_vector
+from small import make_pairs, network
+from support import same_weights, seeded
 
-from cotlearn.couplings import Independent, Pairs
+from cotlearn.couplings import Independent
 from cotlearn.flows import fit, integrate, interpolate
 from cotlearn.metrics import l2_uvp
-from cotlearn.potentials import (
-    ICNN,
-    PICNN,
-    ActionMLP,
-    KnownMap,
-    LogSumExp,
-    OptimalAction,
-    action_matching_loss,
-    dual_loss,
-    dual_objective,
-    transport,
-)
-
-
-def network(condition_dim=0, seed=0):
-    if condition_dim:
-        net = PICNN(2, condition_dim, width=8, depth=2, condition_width=6, seed=seed)
-    else:
-        net = ICNN(2, width=8, depth=2, seed=seed)
-    with torch.no_grad():
-        net.body["raw_w"].add_(4.0)
-    return net.double()
-
-
-def make_pairs(n=50, condition_dim=0, seed=0):
-    generator = torch.Generator().manual_seed(seed)
-    x0 = torch.randn(n, 2, generator=generator).double()
-    x1 = 2 * torch.randn(n, 2, generator=generator).double() + 1
-    c = torch.rand(n, condition_dim, generator=generator).double() if condition_dim else None
-    return Pairs(x0, x1, c, torch.arange(n), torch.arange(n))
+from cotlearn.potentials import ICNN, KnownMap, LogSumExp, dual_loss, dual_objective, transport
+from cotlearn.potentials.action import ActionMLP, OptimalAction, action_matching_loss
 
 
 def bent(x0, x1, t):
@@ -49,20 +22,25 @@ def bent(x0, x1, t):
     return interpolate(x0, x1, t) + (math.pi * t).sin()[:, None] * detour
 
 
+def differences(action, t, x, c, h=1e-5):
+    """ds/dt and grad s."""
+    steps = h * torch.eye(2, dtype=x.dtype)
+    with torch.no_grad():
+        by_t = (action(t + h, x, c) - action(t - h, x, c)) / (2 * h)
+        by_x = [(action(t, x + e, c) - action(t, x - e, c)) / (2 * h) for e in steps]
+    return by_t, torch.stack(by_x, dim=1)
+
+
 @pytest.mark.parametrize("condition_dim", [0, 2])
 @pytest.mark.parametrize("t", [0.02, 0.5, 0.97])
 def test_i1_pointwise(t, condition_dim):
     """grad s = u, ds/dt = -|u|^2/2, both against finite differences of s."""
     action, pairs = OptimalAction(network(condition_dim)), make_pairs(condition_dim=condition_dim)
-    x, c, h = pairs.x1, pairs.c, 1e-5
-    by_t, by_x = action.derivatives(t, x, c)
-    with torch.no_grad():
-        numeric_t = (action(t + h, x, c) - action(t - h, x, c)) / (2 * h)
-        steps = h * torch.eye(2, dtype=x.dtype)
-        numeric_x = [(action(t, x + e, c) - action(t, x - e, c)) / (2 * h) for e in steps]
+    by_t, by_x = action.derivatives(t, pairs.x1, pairs.c)
+    numeric_t, numeric_x = differences(action, t, pairs.x1, pairs.c)
     assert torch.allclose(numeric_t, by_t, atol=1e-6, rtol=1e-5)
-    assert torch.allclose(torch.stack(numeric_x, dim=1), by_x, atol=1e-6, rtol=1e-5)
-    assert torch.allclose(by_t + by_x.square().sum(dim=1) / 2, torch.zeros(50).double())
+    assert torch.allclose(numeric_x, by_x, atol=1e-6, rtol=1e-5)
+    assert torch.allclose(by_t + by_x.square().sum(dim=1) / 2, torch.zeros(64).double())
 
 
 def test_action_is_the_conjugate_formula():
@@ -110,9 +88,9 @@ def test_i3_by_monte_carlo():
     pairs = make_pairs(40_000)
     action = ActionMLP(2, width=32, depth=2, seed=0).double()
     with torch.no_grad():
-        seed = torch.Generator().manual_seed(1)
+        seed = seeded(1)
         am = action_matching_loss(action, pairs, seed)
-        t = torch.rand(len(pairs), generator=torch.Generator().manual_seed(2)).double()
+        t = torch.rand(len(pairs), generator=seeded(2)).double()
         straight = pairs.x1 - pairs.x0
         field = action.velocity(t, interpolate(pairs.x0, pairs.x1, t))
         fm = (field - straight).square().sum(dim=1)
@@ -124,14 +102,9 @@ def test_i3_by_monte_carlo():
 
 def test_free_action_derivatives_against_finite_differences():
     action, x = ActionMLP(2, 1, width=8, depth=2, seed=0).double(), make_pairs().x1
-    c, h = torch.rand(50, 1).double(), 1e-5
-    by_t, by_x = (v.detach() for v in action.derivatives(0.4, x, c))
-    with torch.no_grad():
-        numeric = (action(0.4 + h, x, c) - action(0.4 - h, x, c)) / (2 * h)
-        steps = h * torch.eye(2, dtype=x.dtype)
-        slopes = [(action(0.4, x + e, c) - action(0.4, x - e, c)) / (2 * h) for e in steps]
-    assert torch.allclose(numeric, by_t, atol=1e-7)
-    assert torch.allclose(torch.stack(slopes, dim=1), by_x, atol=1e-7)
+    c = torch.rand(64, 1).double()
+    found, numeric = action.derivatives(0.4, x, c), differences(action, 0.4, x, c)
+    assert all(torch.allclose(a, b, atol=1e-7) for a, b in zip(numeric, found, strict=True))
 
 
 def test_stratified_times_take_out_variance():
@@ -145,7 +118,7 @@ def test_stratified_times_take_out_variance():
     pairs = make_pairs(64)
     found, independent = [], []
     for seed in range(100):
-        g = torch.Generator().manual_seed(seed)
+        g = seeded(seed)
         found.append(action_matching_loss(OfTimeAlone(), pairs, g).mean())
         independent.append((6 * torch.rand(64, generator=g)).cos().mean())
     found = torch.stack(found)
@@ -157,16 +130,13 @@ def test_free_action_follows_the_middle_and_the_optimal_one_does_not():
     data = KnownMap(lambda x: x + torch.tensor([4.0, 0.0]), 2)
     options = {"steps": 250, "batch_size": 128, "learning_rate": 1e-2, "seed": 0}
     loss = functools.partial(action_matching_loss, path=bent)
-    x0 = torch.randn(500, 2, generator=torch.Generator().manual_seed(9))
-    straight = KnownMap(lambda x: x + torch.tensor([4.0, 0.0]), 2)
-    paired = _Shift()
-    free = fit(ActionMLP(2, width=32, depth=2, seed=0), straight, paired, loss=loss, **options)
+    x0 = torch.randn(500, 2, generator=seeded(9))
+    free = fit(ActionMLP(2, width=32, depth=2, seed=0), data, _Shift(), loss=loss, **options)
     path = integrate(free.network.velocity, x0, nfe=20, trajectory=True)
     assert 2 < float(path.trajectory[10].mean(dim=0)[1]) < 6  # the detour is 4 high
     options["learning_rate"] = 5e-2
-    best = fit(
-        OptimalAction(ICNN(2, width=16, depth=1, seed=0)), data, paired, loss=loss, **options
-    )
+    action = OptimalAction(ICNN(2, width=16, depth=1, seed=0))
+    best = fit(action, data, _Shift(), loss=loss, **options)
     middle = integrate(best.network.velocity, x0, nfe=2, trajectory=True).trajectory[1]
     assert abs(float(middle.mean(dim=0)[1])) < 0.3
     assert l2_uvp(transport(best.network.potential, x0), data.transport(x0)) < 2
@@ -183,38 +153,28 @@ class _Shift(Independent):
 def test_optimal_action_matching_trains_to_the_map():
     data = KnownMap(LogSumExp(2, seed=0).gradient, 2)
     net = ICNN(2, width=32, depth=2, seed=0).start_at_gaussian(data.sample(2000)[0])
-    x0 = torch.randn(1000, 2, generator=torch.Generator().manual_seed(9))
-    trained = fit(
-        OptimalAction(net),
-        data,
-        Independent(),
-        steps=200,
-        batch_size=128,
-        learning_rate=3e-2,
-        loss=action_matching_loss,
-    ).network.potential
+    x0 = torch.randn(1000, 2, generator=seeded(9))
+    options = {"steps": 200, "batch_size": 128, "learning_rate": 3e-2, "loss": action_matching_loss}
+    trained = fit(OptimalAction(net), data, Independent(), **options).network.potential
     before, after = (l2_uvp(transport(p, x0), data.transport(x0)) for p in (net, trained))
     assert after < before / 2
 
 
 def test_velocities_for_integrate():
     net, x0 = network(1), make_pairs().x0
-    c = torch.rand(50, 1).double()
+    c = torch.rand(64, 1).double()
     made = integrate(OptimalAction(net).velocity, x0, c, nfe=3).x1
     assert torch.allclose(made, transport(net, x0, c), atol=1e-7)
     free = ActionMLP(2, 1, seed=0).double()
-    assert integrate(free.velocity, x0, c, nfe=2).x1.shape == (50, 2)
+    assert integrate(free.velocity, x0, c, nfe=2).x1.shape == (64, 2)
     assert not free.velocity(0.5, x0, c).is_leaf  # it trains outside no_grad
 
 
 def test_seeds_and_dtype():
-    first, second = ActionMLP(2, seed=3), ActionMLP(2, seed=3)
-    assert torch.equal(*(parameters_to_vector(a.parameters()) for a in (first, second)))
+    first = ActionMLP(2, seed=3)
+    assert same_weights(first, ActionMLP(2, seed=3))
     pairs = make_pairs()
-    values = [
-        action_matching_loss(first.double(), pairs, torch.Generator().manual_seed(0))
-        for _ in range(2)
-    ]
+    values = [action_matching_loss(first.double(), pairs, seeded()) for _ in range(2)]
     assert torch.equal(*values)
     assert values[0].dtype == torch.float64
 
@@ -233,5 +193,5 @@ def test_times_outside_the_interval(t):
 def test_bad_input():
     pairs = make_pairs()
     action = ActionMLP(2).double()
-    with pytest.raises(ValueError, match=r"path must return shape \(50, 2\), got \(50, 1\)"):
+    with pytest.raises(ValueError, match=r"path must return shape \(64, 2\), got \(64, 1\)"):
         action_matching_loss(action, pairs, path=lambda x0, x1, t: x0[:, :1])

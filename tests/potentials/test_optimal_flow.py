@@ -4,6 +4,8 @@ test_action)."""
 import numpy as np
 import pytest
 import torch
+from small import make_pairs, network
+from support import refused, same_weights, seeded
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT, Pairs
@@ -11,22 +13,15 @@ from cotlearn.flows import conditional_flow_matching_loss, fit, integrate, sampl
 from cotlearn.gaussian import bures_squared
 from cotlearn.metrics import conditional_squared_w2, l2_uvp
 from cotlearn.mixtures import petals
-from cotlearn.potentials import (
-    ICNN,
-    PICNN,
-    ConditionalGaussian,
-    InversionWarning,
-    KnownMap,
-    LogSumExp,
-    OptimalField,
-    dual_loss,
-    dual_objective,
-    invert,
+from cotlearn.potentials import ICNN, PICNN, OptimalField, dual_loss, dual_objective, transport
+from cotlearn.potentials.inversion import InversionWarning, invert
+from cotlearn.potentials.optimal_flow import (
     optimal_flow_matching_loss,
     optimal_flow_matching_loss_at,
-    transport,
 )
+from cotlearn.potentials.truth import ConditionalGaussian, KnownMap, LogSumExp
 
+SHUFFLED = torch.randperm(64, generator=seeded(5))
 ROOT = torch.tensor([[1.5, 0.4], [0.4, 0.6]], dtype=torch.float64)
 MEAN = torch.tensor([2.0, -1.0], dtype=torch.float64)
 
@@ -39,27 +34,6 @@ def gaussian_potential():
         net.root.copy_(torch.linalg.cholesky(ROOT - net.alpha * torch.eye(2).double()))
         net.b.copy_(MEAN)
     return net
-
-
-def network(condition_dim=0, dim=2, seed=0):
-    """A small one, away from its start."""
-    if condition_dim:
-        net = PICNN(dim, condition_dim, width=8, depth=2, condition_width=6, seed=seed)
-    else:
-        net = ICNN(dim, width=8, depth=2, seed=seed)
-    with torch.no_grad():
-        net.body["raw_w"].add_(4.0)
-    return net.double()
-
-
-def make_pairs(n=64, dim=2, condition_dim=0, seed=0, order=None):
-    generator = torch.Generator().manual_seed(seed)
-    x0 = torch.randn(n, dim, generator=generator).double()
-    x1 = 2 * torch.randn(n, dim, generator=generator).double() + 1
-    c = torch.rand(n, condition_dim, generator=generator).double() if condition_dim else None
-    index = torch.arange(n)
-    order = index if order is None else order
-    return Pairs(x0, x1[order], c, index, order)
 
 
 def gauss_legendre(f, nodes=48):
@@ -96,13 +70,13 @@ def test_one_euler_step_is_exact():
 def test_loss_is_zero_for_optimal_pairs_and_else_the_floor():
     """The floor E|x1 - x0|^2 - W2^2, here in closed form for independent pairs."""
     net = gaussian_potential()
-    x0 = torch.randn(10_000, 2, generator=torch.Generator().manual_seed(0)).double()
+    x0 = torch.randn(10_000, 2, generator=seeded()).double()
     rows = torch.arange(len(x0))
     optimal = Pairs(x0, x0 @ ROOT + MEAN, None, rows, rows)
-    generator = torch.Generator().manual_seed(1)
+    generator = seeded(1)
     for loss in (optimal_flow_matching_loss, dual_loss):
         assert loss(net, optimal, generator).abs().max() < 1e-6
-        fresh = torch.randn(x0.shape, generator=torch.Generator().manual_seed(2)).double()
+        fresh = torch.randn(x0.shape, generator=seeded(2)).double()
         values = loss(net, Pairs(fresh, optimal.x1, None, rows, rows), generator).detach()
         S = (ROOT @ ROOT).numpy()
         means = float(MEAN @ MEAN)
@@ -114,7 +88,7 @@ def test_loss_is_zero_for_optimal_pairs_and_else_the_floor():
 
 def test_floor_with_a_known_map():
     data = KnownMap(LogSumExp(3, seed=2).gradient, 3)
-    generator = torch.Generator().manual_seed(0)
+    generator = seeded()
     x0, other = torch.randn(2, 4000, 3, generator=generator)
     x1, rows = data.transport(other), torch.arange(4000)
     pairs = Pairs(x0, x1, None, rows, rows)
@@ -132,13 +106,10 @@ def test_floor_with_a_known_map():
 @pytest.mark.parametrize("condition_dim", [0, 2])
 def test_i2_for_two_plans(condition_dim):
     net = network(condition_dim)
-    shuffled = torch.randperm(64, generator=torch.Generator().manual_seed(5))
     values = []
     with torch.no_grad():
-        for order in (None, shuffled):
-            pairs = make_pairs(
-                order=order if condition_dim == 0 else None, condition_dim=condition_dim
-            )
+        for order in (None, None if condition_dim else SHUFFLED):
+            pairs = make_pairs(order=order, condition_dim=condition_dim)
             left = gauss_legendre(lambda t, p=pairs: optimal_flow_matching_loss_at(net, p, t))
             dual = dual_objective(net, pairs.x0, pairs.x1, pairs.c)
             right = 2 * dual - 2 * (pairs.x0 * pairs.x1).sum(dim=1)
@@ -149,11 +120,8 @@ def test_i2_for_two_plans(condition_dim):
 
 
 def test_dual_loss_of_a_batch_has_the_same_gradient_for_every_plan():
-    shuffled = torch.randperm(64, generator=torch.Generator().manual_seed(5))
-    first, second = (
-        gradient(dual_loss, network(), make_pairs(order=order)) for order in (None, shuffled)
-    )
-    assert torch.allclose(first, second, atol=1e-7)
+    found = [gradient(dual_loss, network(), make_pairs(order=order)) for order in (None, SHUFFLED)]
+    assert torch.allclose(*found, atol=1e-7)
 
 
 def gradient(loss, net, pairs, *arguments):
@@ -162,14 +130,11 @@ def gradient(loss, net, pairs, *arguments):
     return torch.cat([g.flatten() for g in torch.autograd.grad(value, list(net.parameters()))])
 
 
-@pytest.mark.parametrize("order", ["same", "shuffled"])
+@pytest.mark.parametrize("order", [None, SHUFFLED], ids=["same", "shuffled"])
 def test_proxy_gradient_is_twice_the_gradient_of_the_dual(order):
-    net = network()
-    index = torch.randperm(64, generator=torch.Generator().manual_seed(5))
-    pairs = make_pairs(order=index if order == "shuffled" else None)
+    net, pairs = network(), make_pairs(order=order)
     integrated = gauss_legendre(lambda t: gradient(optimal_flow_matching_loss_at, net, pairs, t))
-    value = dual_objective(net, pairs.x0, pairs.x1).mean()
-    dual = torch.cat([g.flatten() for g in torch.autograd.grad(value, list(net.parameters()))])
+    dual = gradient(lambda net, pairs: dual_objective(net, pairs.x0, pairs.x1), net, pairs)
     assert torch.allclose(integrated, 2 * dual, atol=1e-6)
     assert dual.norm() > 0.1
 
@@ -179,10 +144,10 @@ def test_proxy_gradient_is_twice_the_gradient_of_the_dual(order):
 def test_proxy_gradient_against_finite_differences(t, condition_dim):
     net, pairs = network(condition_dim), make_pairs(condition_dim=condition_dim)
     if t == "random":
-        t = torch.rand(64, generator=torch.Generator().manual_seed(3)).double()
+        t = torch.rand(64, generator=seeded(3)).double()
     found = gradient(optimal_flow_matching_loss_at, net, pairs, t)
     start = parameters_to_vector(net.parameters()).detach()
-    generator = torch.Generator().manual_seed(0)
+    generator = seeded()
     for _ in range(4):
         way = torch.randn(start.shape, generator=generator).double()
         sides = []
@@ -197,16 +162,13 @@ def test_proxy_gradient_by_conjugate_gradients(monkeypatch):
     net, pairs = network(), make_pairs()
     exact = gradient(optimal_flow_matching_loss_at, net, pairs, 0.7)
     monkeypatch.setattr("cotlearn.potentials.inversion.EXPLICIT", 1)
-    assert torch.allclose(
-        gradient(optimal_flow_matching_loss_at, net, pairs, 0.7), exact, rtol=1e-3, atol=1e-4
-    )
+    found = gradient(optimal_flow_matching_loss_at, net, pairs, 0.7)
+    assert torch.allclose(found, exact, rtol=1e-3, atol=1e-4)
 
 
 def test_losses_draw_t_from_their_generator():
     net, pairs = network(), make_pairs()
-    first, second, third = (
-        optimal_flow_matching_loss(net, pairs, torch.Generator().manual_seed(s)) for s in (1, 1, 2)
-    )
+    first, second, third = (optimal_flow_matching_loss(net, pairs, seeded(s)) for s in (1, 1, 2))
     assert torch.equal(first, second)
     assert not torch.equal(first, third)
     assert torch.equal(dual_loss(net, pairs), dual_loss(net, pairs))
@@ -236,7 +198,7 @@ TRAINING = {"steps": 200, "batch_size": 128, "learning_rate": 3e-2, "seed": 0}
 def test_training_finds_a_known_map(loss, coupling):
     data = KnownMap(LogSumExp(2, seed=0).gradient, 2)
     net = ICNN(2, width=32, depth=2, seed=0).start_at_gaussian(data.sample(2000)[0])
-    x0 = torch.randn(2000, 2, generator=torch.Generator().manual_seed(9))
+    x0 = torch.randn(2000, 2, generator=seeded(9))
     before = l2_uvp(transport(net, x0), data.transport(x0))
     options = {**TRAINING, "steps": 300}
     trained = fit(net, data, coupling, loss=loss, **options).network
@@ -247,7 +209,7 @@ def test_training_finds_a_known_map(loss, coupling):
 def test_naive_pairs_with_a_condition_change_the_answer():
     """Plan-independence protects only while the noise does not depend on the condition."""
     data = ConditionalGaussian(2)
-    generator = torch.Generator().manual_seed(0)
+    generator = seeded()
     net = PICNN(2, 1, width=16, depth=1, seed=0).start_at_gaussian(*data.sample(2000, generator))
     c = data.sample_conditions(1000, generator)
     x0 = torch.randn(1000, 2, generator=generator)
@@ -287,32 +249,28 @@ def test_resumes_bit_for_bit(loss, tmp_path):
     with pytest.raises(Stopped):
         fit(net, data, **{**options, "loss": Stops()}, **part)
     resumed = fit(net, data, **options, **part).network
-    for (name, a), b in zip(whole.state_dict().items(), resumed.state_dict().values(), strict=True):
-        assert torch.equal(a, b), name
+    assert same_weights(whole, resumed)
 
 
 def test_sampling_through_the_field():
     data = petals()
-    net = PICNN(2, 4, seed=0).start_at_gaussian(
-        *data.sample(2000, torch.Generator().manual_seed(0))
-    )
+    net = PICNN(2, 4, seed=0).start_at_gaussian(*data.sample(2000, seeded()))
     assert conditional_squared_w2(sampler(OptimalField(net), nfe=1), data, n=200) < 2
 
 
 # --- bad input ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("net", "message"),
-    [
-        (ICNN(3), "x1 has 2 columns, expected 3"),
-        (ICNN(2), "condition_dim=0, but got c"),
-        (PICNN(2, 3), "c has 4 columns, expected 3"),
-    ],
+def train(net, data, **options):
+    fit(net, data, Independent(), batch_size=8, loss=dual_loss, **options)
+
+
+test_data_that_do_not_fit = refused(
+    (lambda: train(ICNN(3), petals(), steps=1), "x1 has 2 columns, expected 3"),
+    (lambda: train(ICNN(2), petals(), steps=1), "condition_dim=0, but got c"),
+    (lambda: train(PICNN(2, 3), petals(), steps=1), "c has 4 columns, expected 3"),
+    error=ValueError,
 )
-def test_data_that_do_not_fit(net, message):
-    with pytest.raises(ValueError, match=message):
-        fit(net, petals(), Independent(), steps=1, batch_size=4, loss=dual_loss)
 
 
 @pytest.mark.parametrize("t", [-0.01, 1.01, float("nan"), torch.full((64,), 2.0)])
@@ -326,15 +284,7 @@ def test_times_outside_the_interval(t):
 def test_training_that_diverges_says_so():
     data = KnownMap(LogSumExp(2, seed=0).gradient, 2)
     with pytest.raises(RuntimeError, match=r"not finite|became"):
-        fit(
-            ICNN(2, width=4, seed=0),
-            data,
-            Independent(),
-            steps=50,
-            batch_size=8,
-            learning_rate=1e30,
-            loss=dual_loss,
-        )
+        train(ICNN(2, width=4, seed=0), data, steps=50, learning_rate=1e30)
 
 
 def test_rows_that_do_not_converge_are_told(monkeypatch):

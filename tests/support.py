@@ -1,0 +1,56 @@
+"""What many tests need: fixed randomness, batches of a stream, comparisons, refused calls."""
+
+import pytest
+import torch
+
+
+def seeded(seed=0):
+    """A generator."""
+    return torch.Generator().manual_seed(seed)
+
+
+def take(coupling, data, count, batch_size=20, **options):
+    """The first batches of a stream."""
+    options = {"batch_size": batch_size, "generator": seeded(5), **options}
+    stream = coupling.stream(data, **options)
+    return [next(stream) for _ in range(count)]
+
+
+def joined(batches, name):
+    """One field of all batches."""
+    return torch.cat([getattr(batch, name) for batch in batches])
+
+
+def same(a, b):
+    """Whether two batches are equal, in all but their weights."""
+    names = ("x0", "x1", "c", "source_index", "target_index")
+    return all(torch.equal(getattr(a, name), getattr(b, name)) for name in names)
+
+
+def same_weights(a, b):
+    """Whether two networks are equal, bit for bit."""
+    left, right = a.state_dict(), b.state_dict()
+    return left.keys() == right.keys() and all(torch.equal(left[k], right[k]) for k in left)
+
+
+class Still(torch.nn.Module):
+    """A network whose velocity is zero."""
+
+    def forward(self, t, x, c=None):
+        return torch.zeros_like(x)
+
+
+def refused(*cases, error=None, of=None):
+    """A test of wrong calls; each case is (call, error, message).
+
+    With an `error` for all of them, each case is (call, message). With `of`, which is the function
+    that all of them call, its arguments as a dictionary take the place of the call.
+    """
+    rows = [case if error is None else (case[0], error, case[1]) for case in cases]
+
+    @pytest.mark.parametrize(("call", "error", "message"), rows)
+    def test(call, error, message):
+        with pytest.raises(error, match=message):
+            call() if of is None else of(**call)
+
+    return test
