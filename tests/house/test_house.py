@@ -3,7 +3,7 @@
 from lines import code_lines, count
 from unused import ROOT, unused
 
-MOST = {"cotlearn": 12_700, "tests": 15_000}  #: lines of code
+MOST = {"cotlearn": 12_700, "tests": 14_000}  #: lines of code
 LONGEST = 400  #: lines of a file of `cotlearn`, all of them
 
 EXAMPLE = '''"""A module.
