@@ -3,9 +3,6 @@
 import math
 import os
 import signal
-import subprocess
-import sys
-import textwrap
 import threading
 from dataclasses import replace
 
@@ -322,43 +319,26 @@ def test_training_in_a_thread():
     assert_same(results[0], train())
 
 
-SCRIPT = """
-    import os
-    import sys
-    sys.path = {path!r}
-    from test_fit import Hooked, interrupt, kill, train
-
-    child = os.fork()  # which is killed, and this process interrupted
-    if child:
-        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
-    what = interrupt if child else kill
-    path = os.path.join({where!r}, what.__name__)
+def ended(what, path, said):
+    """Trains in a process of its own until step 19, and what happens there."""
+    with open(said, "w") as file:
+        os.dup2(file.fileno(), 2)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a `make test &` ignores Ctrl-C
     train(loss=Hooked(19, what), checkpoint=path, checkpoint_every=5)
-"""
-
-
-@pytest.fixture(scope="module")
-def ended(tmp_path_factory):
-    """A folder with the checkpoint of a process that ended so, and what both left."""
-    where = tmp_path_factory.mktemp("ended")
-    script = textwrap.dedent(SCRIPT).format(path=sys.path, where=str(where))
-    command = [sys.executable, "-c", script]
-    return where, subprocess.run(command, check=False, capture_output=True, text=True)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
-@pytest.mark.parametrize("what", ["kill", "interrupt"])
-def test_a_killed_process_resumes_to_the_same_result(ended, what):
-    where, done = ended
-    path = where / what
-    if what == "kill":
-        assert int(done.stdout) == -signal.SIGKILL
-    else:
-        assert done.returncode != 0
-        assert "KeyboardInterrupt: training stopped after step 19" in done.stderr
+@pytest.mark.parametrize(("what", "left"), [(kill, 30 - 15), (interrupt, 30 - 19)])
+def test_a_killed_process_resumes_to_the_same_result(warm, path, tmp_path, what, left):
+    process = warm.Process(target=ended, args=(what, path, tmp_path / "said"))
+    process.start()
+    process.join()
+    said = (tmp_path / "said").read_text()
+    assert process.exitcode == (-signal.SIGKILL if what is kill else 1), said
+    assert what is kill or "KeyboardInterrupt: training stopped after step 19" in said
     counting = Hooked()
     resumed = train(loss=counting, checkpoint=path, checkpoint_every=5)
-    assert counting.calls == (30 - 15 if what == "kill" else 30 - 19)
+    assert counting.calls == left
     assert_same(resumed, train())
 
 
