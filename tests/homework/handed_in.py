@@ -1,7 +1,12 @@
-"""Small notebooks for the tests of marking and grading."""
+"""Small notebooks for the tests of marking and grading, and the command that reads them."""
+
+import os
+import signal
+import sys
 
 import nbformat
 
+from cotlearn.__main__ import main
 from cotlearn.execution import read
 from cotlearn.homework import assignments
 
@@ -63,3 +68,18 @@ def masters(folder):
     notebook.cells = kept
     write(folder / "hw1.ipynb", notebook)
     return folder
+
+
+def command(words, folder, environment):
+    """`cotlearn` in a process that has imported everything."""
+    os.setsid()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a `make test &` ignores Ctrl-C
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    said = os.open("said", os.O_CREAT | os.O_WRONLY)
+    os.dup2(said, 1)
+    os.dup2(said, 2)
+    sys.path.insert(0, "")  # as `python -m` does
+    sys.argv = ["cotlearn", *words]
+    main()
