@@ -116,7 +116,7 @@ def test_train(tmp_path, start, number):
 def test_report(tmp_path, start, number):
     rng = np.random.default_rng(0)
     np.savez(tmp_path / "mine.npz", x1=rng.normal(size=(400, 2)), c=rng.normal(size=(400, 1)))
-    words = ["report", "mine.npz", "--steps", 300, "--out", "r.html"]
+    words = ["report", "mine.npz", "--steps", 150, "--out", "r.html"]
     checkpoint = tmp_path / ".r.html.independent.training.safetensors"
     end_when_there_is(checkpoint, start(words, tmp_path), number)
     kept = checkpoint.stat()

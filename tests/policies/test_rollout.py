@@ -140,7 +140,7 @@ def test_the_scores_of_the_literature():
 @pytest.mark.parametrize("name", TASKS)
 def test_no_start_serves_twice(name):
     """Starts to explore with, to count modes from, to report and to learn from are different."""
-    task, n = find_task(name), 300
+    task, n = find_task(name), 100
     starts = {first: task.vector_sim(range(first, first + n)).states for first in SEEDS}
     shown = read(find_data(task.demonstrations))
     starts[0] = shown.state[[0, *shown.ends[:-1]]]
