@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from cotlearn.policies.methods import METHODS
 from cotlearn.policies.pixels import Pixels
 from cotlearn.policies.training import Options
+from cotlearn.robots.registry import TASKS
 
 
 @dataclass(frozen=True)
@@ -76,3 +77,5 @@ SETTINGS = {
     "arm-avoid": Setting("arm-avoid", _ROWS),
     "arm-avoid-receding": Setting("arm-avoid", _RECEDING),
 }
+for _name in TASKS:  # one without a row has the usual options
+    SETTINGS.setdefault(_name, Setting(_name, Options()))
