@@ -1,8 +1,10 @@
 """Small notebooks for the tests of marking and grading, and the command that reads them."""
 
+import multiprocessing.util
 import os
 import signal
 import sys
+from itertools import pairwise
 
 import nbformat
 
@@ -82,4 +84,17 @@ def command(words, folder, environment):
     os.dup2(said, 2)
     sys.path.insert(0, "")  # as `python -m` does
     sys.argv = ["cotlearn", *words]
+    multiprocessing.util.spawnv_passfds = forked
     main()
+
+
+def forked(path, arguments, kept):
+    """A server of answers that is a copy of this process, and so has imported everything."""
+    pid = os.fork()
+    if not pid:
+        limits = [2, *sorted(kept), 256]
+        for low, high in pairwise(limits):
+            os.closerange(low + 1, high)
+        exec(arguments[-1].decode() if isinstance(arguments[-1], bytes) else arguments[-1])
+        os._exit(0)
+    return pid
