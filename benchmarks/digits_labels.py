@@ -7,7 +7,7 @@ The floor beside every score is what real training images get against the held-o
     python benchmarks/digits_labels.py
 
 writes data/results/digits_labels.json row by row; a run that was stopped goes on where it was, and
-rows that are stored are kept. Notebook 03 shows that table and repeats one row live, notebook 04
+rows that are stored are kept. Notebook 03 shows that table and repeats one row live, laboratory 04
 another.
 """
 
