@@ -7,8 +7,8 @@ The floor beside every score is what real training images get against the held-o
     python benchmarks/digits_labels.py
 
 writes data/results/digits_labels.json row by row; a run that was stopped goes on where it was, and
-rows that are stored are kept. Notebook 03 shows that table and repeats one row live, notebook 04
-another.
+rows that are stored are kept. Notebook 03 shows that table, laboratory 03 repeats two rows live,
+laboratory 04 another.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from cotlearn.metrics import energy_distance, squared_w2
 from cotlearn.results import machine, read_json, write_json
 
 NFE = (1, 2, 4, 8, 16, 32, 64)
-SETTINGS = {  # the first is what notebook 03 repeats live
+SETTINGS = {  # the first is what laboratory 03 repeats live
     "short": {"width": 128, "steps": 2000, "batch_size": 256},
     "long": {"width": 256, "steps": 6000, "batch_size": 256},
 }

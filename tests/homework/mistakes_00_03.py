@@ -38,6 +38,13 @@ def augmented(power=2, of_weight=1):
 
 
 ALL_RIGHT = {"shape": (256, 6), "gradient": 12, "best_constant": 0, "mean": 2, "euler": 0.25}
+
+
+def energy(x, y, own=1):
+    within = (torch.cdist(z, z).sum() / (len(z) * (len(z) - own)) for z in (x, y))
+    return float(2 * torch.cdist(x, y).mean() - sum(within))
+
+
 MISTAKES = [
     ("00.self_test", {**ALL_RIGHT, "mean": 4}, "mean"),
     ("00.self_test", {**ALL_RIGHT, "shape": (512, 4)}, "shape"),
@@ -68,10 +75,14 @@ MISTAKES = [
     ("03.skew", lambda r, v: (math.sqrt(1 - float(r @ r) / v) - 1) ** 2, "mean"),
     ("03.skew", lambda r, v: 2 - 2 * math.sqrt(1 - min(float(r @ r), 1.0)), "divide"),
     ("03.skew", lambda r, v: r, "one number"),
+    ("03.energy_distance", lambda x, y: energy(x, y, own=0), "no pair"),
+    ("03.energy_distance", lambda x, y: -energy(x, y), "sign"),
+    ("03.energy_distance", lambda x, y: energy(x**2, y**2), "expected"),
 ]
 
 
 RIGHT = [
+    ("03.energy_distance", energy),
     ("00.self_test", ALL_RIGHT),
     *(("00.perfect_one_step", value) for value in (1.565, 1.57, 1.56, torch.tensor(1.565))),
 ]

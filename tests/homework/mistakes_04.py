@@ -22,6 +22,10 @@ def upside_down(x0, x1, c):
     return (10 * condition / sample) ** 2
 
 
+def share(cost, own):
+    return float((cost <= own).float().mean())
+
+
 def cheapest(x0, x1):
     return torch.from_numpy(linear_sum_assignment(torch.cdist(x0, x1) ** 2)[1])
 
@@ -47,6 +51,9 @@ MISTAKES = [
     ("04.balanced_weight", lambda x0, x1, c: gamma(x0, x1, c) ** 2 / 100, "missing"),
     ("04.balanced_weight", upside_down, "stands above"),
     ("04.balanced_weight", lambda x0, x1, c: 1.0, "all i and j"),
+    ("04.candidate_share", lambda w, M, C: share(M + w * C, M.diagonal()[:, None]), "column j"),
+    ("04.candidate_share", lambda w, M, C: share(M, M.diagonal()), "part is missing"),
+    ("04.candidate_share", lambda w, M, C: 12 * share(M + w * C, M.diagonal()), "expected"),
     ("04.stratify", lambda *given: within(*given, positions=True), "comes once"),
     ("04.stratify", lambda x0, x1, label: cheapest(x0, x1), "another label"),
     ("04.stratify", lambda x0, x1, label: torch.arange(len(x0)), "cheapest"),
@@ -58,5 +65,6 @@ MISTAKES = [
 RIGHT = [
     ("04.candidates", lambda B, K: 1 + (B - 1) / K),
     ("04.balanced_weight", lambda x0, x1, c: gamma(x0, x1, c) ** 2),
+    ("04.candidate_share", lambda w, M, C: share(M + w * C, M.diagonal())),
     ("04.stratify", within),
 ]

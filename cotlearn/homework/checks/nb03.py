@@ -1,4 +1,4 @@
-"""The checks of notebook 03."""
+"""The checks of notebook 03 and of its laboratory."""
 
 import math
 from typing import Any
@@ -71,3 +71,22 @@ def skew() -> Cases:
             "divide by the variance v of c": 2 - 2 * math.sqrt(max(1 - float(r @ r), 0.0)),
         }
         yield Case((r, v), right, wrong, tolerance=1e-6)
+
+
+@table("03.energy_distance", seed=5)
+def energy_distance(g: torch.Generator) -> Cases:
+    """The unbiased energy distance between samples of different sizes."""
+    for n, m in ((3, 5), (6, 4)):
+        x, y = torch.randn(n, 2, generator=g), 1 + 2 * torch.randn(m, 2, generator=g)
+        far, in_x, in_y = (torch.cdist(*two).mean() for two in ((x, y), (x, x), (y, y)))
+        apart_x, apart_y = in_x * n / (n - 1), in_y * m / (m - 1)
+        wrong = {
+            "a row and itself are no pair: divide by n (n - 1) and m (m - 1)": 2 * far
+            - in_x
+            - in_y,
+            "the distances between the samples count twice": far - apart_x - apart_y,
+            "take away the distances within both samples": 2 * far,
+            "this has the wrong sign": apart_x + apart_y - 2 * far,
+        }
+        found = {hint: float(value) for hint, value in wrong.items()}
+        yield Case((x, y), float(2 * far - apart_x - apart_y), found)

@@ -1,4 +1,4 @@
-"""The checks of notebook 04."""
+"""The checks of notebook 04 and of its laboratory."""
 
 from typing import Any
 
@@ -38,6 +38,24 @@ def balanced_weight(g: torch.Generator) -> Cases:
         }
         hint = f"expected {gamma**2:.4g}; the mean runs over all i and j"
         yield Case((x0, x1, c), gamma**2, wrong, hint, tolerance=1e-3)
+
+
+@table("04.candidate_share", seed=6)
+def candidate_share(g: torch.Generator) -> Cases:
+    """The share of the pairs that cost no more than their data row with its own noise."""
+    for w in (0.2, 0.5):
+        M, c = 3 * torch.rand(12, 12, generator=g), torch.randn(12, 2, generator=g)
+        C = torch.cdist(c, c).square()
+        cost, own = M + w * C, M.diagonal()
+        wrong = {
+            "compare with M_jj of the column j, the data row": cost <= own[:, None],
+            "a row with its own noise counts, too: use <=": cost < own,
+            "the condition's part is missing": own >= M,
+            "the condition's part has the weight w": own >= M + C,
+            "that is the share of the pairs that are no candidates": cost > own,
+        }
+        shares = {hint: float(found.float().mean()) for hint, found in wrong.items()}
+        yield Case((w, M, C), float((cost <= own).float().mean()), shares)
 
 
 @exercise("04.stratify")
