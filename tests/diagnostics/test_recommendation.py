@@ -10,7 +10,7 @@ from support import refused, seeded
 from cotlearn import mixtures
 from cotlearn.couplings import ConditionalOT, Coupling, Independent, StratifiedOT
 from cotlearn.diagnostics import frontier, recommend, skew
-from cotlearn.diagnostics.recommendation import beyond_chance, gain_over
+from cotlearn.diagnostics.recommendation import _choose, beyond_chance, gain_over
 from cotlearn.flows import VelocityMLP, fit
 
 FRONTIER = importlib.import_module("cotlearn.diagnostics.frontier")
@@ -131,6 +131,26 @@ def test_constant_conditions():
     found = chosen.frontier[chosen.name]
     assert not found.flagged
     assert found.one_step_score < chosen.frontier["independent"].one_step_score
+
+
+@pytest.mark.parametrize(
+    ("second", "words"),
+    [(0.9, "All others without significant skew score worse"), (0.5, "Not to be told from it: ")],
+)
+def test_it_is_said_which_others_are_as_good(second, words):
+    x1, c = mixtures.petals().sample(800, generator=seeded())
+    found = advice(x1, c)
+    clean = [p.name for p in found.frontier if not p.flagged and p.name != "independent"]
+    mean = {"independent": 1.0} | dict.fromkeys(clean, second) | {clean[0]: 0.49}
+    wave = 0.1 * torch.linspace(-1.5, 1.5, 100)
+    points = (
+        replace(p, scores=mean.get(p.name, 1.0) + wave * (-1) ** i)
+        for i, p in enumerate(found.frontier)
+    )
+    point, reason = _choose(replace(found.frontier, points=tuple(points)), found.spread)
+    assert point.name == clean[0]
+    assert len(clean) > 1
+    assert words in reason
 
 
 @pytest.mark.parametrize("seed", range(3))
