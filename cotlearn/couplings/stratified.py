@@ -64,6 +64,7 @@ class StratifiedOT(Coupling):
             self.clusters = KMeansCondition(self.clusters)
         if not isinstance(self.residual, bool):
             raise TypeError(f"residual must be True or False, got {self.residual!r}")
+        self.name = "residual" if self.residual else self.name
         check_count(self.rows_per_solve, "rows_per_solve", minimum=2, most=LARGEST_SOLVE)
         if self.n_samples is not None:
             check_count(self.n_samples, "n_samples")
