@@ -185,12 +185,15 @@ def weighted(run: Run, episode: Tensor) -> None:
 
 
 def inverse(teacher: Any, rows: Dataset) -> Tensor:
-    """The noise from which a flow would make the rows; its mean square is 1 for its own chunks."""
+    """The noise from which a flow would make the rows; its mean square is 1 for its own chunks.
+
+    With Euler's method and 16 evaluations it would be .63 for them: near t = 1 the field is steep.
+    """
 
     def backwards(t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
         return -teacher(1 - t, x, c)
 
-    return integrate(backwards, rows.x1, rows.c, nfe=16).x1
+    return integrate(backwards, rows.x1, rows.c, nfe=64, method="midpoint").x1
 
 
 def inverted_folds(run: Run, episode: Tensor) -> None:

@@ -54,7 +54,7 @@ class Options:
             is asked (`with_choice`), else "balanced".
         clusters: of stratified OT; None where the frontier is to choose.
         reflow_pairs: rows that the teacher pairs for reflow.
-        reflow_nfe: evaluations of the teacher per pair.
+        reflow_nfe: evaluations of the teacher per pair; four times as many backwards.
         camera: makes the images that the policy observes; None: the policy observes the state.
         prediction: what the network predicts, "noise", "data" or "velocity"; "": the first of the
             method's `predictions`. A method with only one of them keeps it.
