@@ -64,9 +64,13 @@ MISTAKES = [
     ("06.gap", lambda a, b, x0, x1: gap(a, b, x0, x1) + psi(a, 0, x0), "1/2 is missing"),
     ("06.gap", lambda a, b, x0, x1: gap(a, b, x0, x1) + conjugate(a, b, x1), "the 2 is"),
     ("06.gap", lambda a, b, x0, x1: half_square(a, b, x0, x1), "the a is missing"),
+    ("06.gap", lambda a, b, x0, x1: psi(a, b, x0) + (x1 - b) ** 2 - x0 * x1, "the 2 a is missing"),
     ("06.gap", lambda a, b, x0, x1: gap(a, b, x0, x1) - b * x0, "b x0 is missing"),
     ("06.gap", lambda a, b, x0, x1: 99.0, "expected"),
     ("06.gap", 3.0, "expected a function"),
+    ("06.action", lambda a, t, x: (a - 1) * x / (1 - t + t * a), "that is the velocity"),
+    ("06.action", lambda a, t, x: x**2 / 2 - x**2 / (2 - 2 * t + 2 * t * a), "Phi_t* by t"),
+    ("06.action", lambda a, t, x: (a - 1) * x**2 / (2 * (t + (1 - t) * a)), "swapped"),
 ]
 
 

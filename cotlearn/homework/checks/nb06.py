@@ -1,4 +1,4 @@
-"""The checks of notebook 06."""
+"""The checks of notebook 06 and of its laboratory."""
 
 from collections.abc import Callable
 from typing import Any
@@ -94,9 +94,29 @@ def gap() -> Cases:
             "Psi(x0) has a x0^2 / 2: a factor 1/2 is missing": right + a * x0**2 / 2,
             "Psi* = (x1 - b)^2 / (2 a): the 2 is missing": right + conjugate,
             "Psi* = (x1 - b)^2 / (2 a): the a is missing": right + (a - 1) * conjugate,
+            "Psi* = (x1 - b)^2 / (2 a): the 2 a is missing": right + (2 * a - 1) * conjugate,
             "Psi* = (x1 - b)^2 / (2 a): divide by a": right + (a**2 - 1) * conjugate,
             "b x0 is missing in Psi(x0)": right - b * x0,
             "divide the square by 2 a: the a is missing": a * right,
             "x0 x1 is subtracted": psi + conjugate + product,
         }
         yield Case((a, b, x0, x1), right, wrong, tolerance=1e-5)
+
+
+@table("06.action")
+def action() -> Cases:
+    """s_t(x) = x^2 / (2 t) - Phi_t*(x) / t for Psi(x) = a x^2 / 2."""
+    for a, t, x in ((2.5, 0.3, 1.4), (0.4, 0.7, -2.0), (3.0, 0.5, 0.6)):
+        here, start = x**2 / (2 * t), 1 - t + t * a
+        right = here - here / start
+        wrong = {
+            "that is the velocity, the slope of s": (a - 1) * x / start,
+            "the slope of s must be the velocity: a factor 1/2 is missing": 2 * right,
+            "look at the sign: the conjugate is subtracted": -right,
+            "that is Phi_t*(x): subtract it from |x|^2 / 2, and divide by t": t * here / start,
+            "divide Phi_t* by t": here - t * here / start,
+            "divide |x|^2 / 2 and Phi_t* by t": t * right,
+            "the conjugate of D z^2 / 2 is x^2 / (2 D)": here * (1 - start),
+            "t and 1 - t are swapped": (a - 1) * x**2 / (2 * (t + (1 - t) * a)),
+        }
+        yield Case((a, t, x), right, wrong, tolerance=1e-5)
