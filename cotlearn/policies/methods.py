@@ -119,22 +119,26 @@ def _distil(run: Run, *, inverted: bool = False) -> None:
     """
     run.network = run.fit("teacher_").network
     started = time.perf_counter()
-    rng = generator_for(run.seed, 0, purpose=21)
-    x1, c = run.data.sample(run.options.reflow_pairs, generator=rng)
-    assert c is not None
-    x0 = torch.randn(len(c), run.data.dim, generator=rng)
     velocity = velocity_of(run.network, run.options.prediction)
+    nfe = run.options.reflow_nfe
 
     def backwards(t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
         return -velocity(1 - t, x, c)
 
-    field, start = (backwards, x1) if inverted else (velocity, x0)
-    nfe, solver = run.options.reflow_nfe, "euler"
+    def ends(field: Any, starts: Tensor, c: Tensor, **solver: Any) -> Tensor:
+        parts = zip(starts.split(4096), c.split(4096), strict=True)
+        return torch.cat([integrate(field, x, some, **solver).x1 for x, some in parts])
+
     if inverted:
-        nfe, solver = 4 * nfe, "midpoint"
-    parts = zip(start.split(4096), c.split(4096), strict=True)
-    made = [integrate(field, x, some, nfe=nfe, method=solver).x1 for x, some in parts]
-    x0, x1 = (torch.cat(made), x1) if inverted else (x0, torch.cat(made))
+        x1, c = run.data.x1, run.data.c
+        assert c is not None
+        x0 = ends(backwards, x1, c, nfe=4 * nfe, method="midpoint")
+    else:
+        rng = generator_for(run.seed, 0, purpose=21)
+        _, c = run.data.sample(run.options.reflow_pairs, generator=rng)
+        assert c is not None
+        x0 = torch.randn(len(c), run.data.dim, generator=rng)
+        x1 = ends(velocity, x0, c, nfe=nfe)
     run.data = Dataset(x1, c, name=f"{run.data.name}, paired by a teacher")
     run.coupling = couplings.FixedPairs(x0)
     run.seconds += time.perf_counter() - started
