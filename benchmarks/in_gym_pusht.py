@@ -27,6 +27,11 @@ import push_t_peer  # of the tests: it makes gym-pusht run beside pymunk 7
 EPISODES = 200
 
 
+def name_of(path: Path) -> str:
+    """Folder and name of a policy's file: the folder says what it predicts."""
+    return f"{path.parent.name}/{path.stem}"
+
+
 def coverage_there(environment: Any, policy: ChunkPolicy, number: int) -> float:
     """The best coverage of an episode in gym-pusht."""
     state = random_state(np.random.default_rng(REPORTED + number))
@@ -60,7 +65,7 @@ def main() -> None:
     numbers = [int(n) for n in asked.evaluations.split(",")]
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
-        policy = ChunkPolicy.load(next(p for p in asked.weights if p.stem == key["policy"]))
+        policy = ChunkPolicy.load(next(p for p in asked.weights if name_of(p) == key["policy"]))
         few = next(
             s
             for s in policy.sampler.variants
@@ -79,7 +84,7 @@ def main() -> None:
         }
 
     table = opened(__doc__ or "", {"episodes": EPISODES}, parser=parser)
-    keys = [{"policy": path.stem, "nfe": nfe} for path in asked.weights for nfe in numbers]
+    keys = [{"policy": name_of(path), "nfe": nfe} for path in asked.weights for nfe in numbers]
     table.fill(keys, compute)
 
 
