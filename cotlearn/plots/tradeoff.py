@@ -30,11 +30,12 @@ def frontier(
 ) -> Axes:
     """Draw couplings between skew (across) and one-step variance (up); the origin is best.
 
-    Bars are the 95 % intervals. Names stand beside the points and do not cover each other.
+    Bars are the 95 % intervals. Points of significant skew are hollow. Names stand beside the
+    points and cover neither each other nor the line.
 
     Args:
         points: a `diagnostics.Frontier`, or anything with the attributes of its points: name,
-            coupling, skew, skew_interval, one_step_variance, one_step_variance_interval.
+            coupling, skew, skew_interval, flagged, one_step_variance, one_step_variance_interval.
         errors: name -> a measured error that is written below the name.
         labels: words where they differ from the names.
         curve: names that a line joins in this order: a sweep of weights.
@@ -49,18 +50,21 @@ def frontier(
     joined = [names.index(name) for name in curve]
     ax.plot(x[joined, 1], y[joined, 1], color=COLORS["conditional_ot"], lw=1.0, alpha=0.5, zorder=1)
     looks = [{**style_of(point.coupling), "linestyle": "none"} for point in shown]
-    for look, across, up in zip(looks, x, y, strict=True):
+    for look, point, across, up in zip(looks, shown, x, y, strict=True):
         bars = {"xerr": np.diff(across)[:, None], "yerr": np.diff(up)[:, None]}
-        ax.errorbar(across[1], up[1], **bars, elinewidth=1.1, zorder=3, **look)
+        fill = "white" if point.flagged else look["color"]
+        ax.errorbar(across[1], up[1], **bars, elinewidth=1.1, zorder=3, mfc=fill, **look)
     if ax.get_autoscaley_on():
         ax.set_ylim(bottom=0)
     ax.axvline(0, color=PATH_COLOR, linewidth=0.8, zorder=0)
     ax.margins(x=0.12, y=0.08)
     ax.grid(True)
-    ax.set(xlabel="skew of the noise (0: none)", ylabel="one-step variance", title=title)
+    hollow = "; hollow: significant" * any(point.flagged for point in shown)
+    ax.set(xlabel=f"skew of the noise (0: none{hollow})", ylabel="one-step variance", title=title)
     below = {name: f"\nerror {value:.2g}" for name, value in (errors or {}).items()}
     texts = [(labels or {}).get(name, name) + below.get(name, "") for name in names]
-    _annotate(ax, x, y, texts, [look["color"] for look in looks])
+    line = np.column_stack([x[joined, 1], y[joined, 1]])
+    _annotate(ax, x, y, line, texts, [look["color"] for look in looks])
     return ax
 
 
@@ -69,17 +73,22 @@ def _with_ends(value: float, interval: tuple[float, float]) -> list[float]:
     return [min(interval[0], value), value, max(interval[1], value)]
 
 
-def _annotate(ax: Axes, x: Array, y: Array, texts: Sequence[str], colors: Sequence[str]) -> None:
+def _annotate(
+    ax: Axes, x: Array, y: Array, line: Array, texts: Sequence[str], colors: Sequence[str]
+) -> None:
     """Write each text near its point, at the nearest of many positions that is still free.
 
-    x and y are (n, 3): low end, value and high end of the error bars.
+    x and y are (n, 3): low end, value and high end of the error bars; line is (m, 2).
     """
     figure: Any = ax.figure.get_figure(root=True)
     figure.draw_without_rendering()  # so that the layout is final and pixels mean something
     panel, point = np.array(ax.get_window_extent().extents), figure.dpi / 72
     low, at, high = (ax.transData.transform(np.column_stack([x[:, k], y[:, k]])) for k in range(3))
-    taken = np.vstack(  # by markers and bars: rows of left, bottom, right and top
+    along = ax.transData.transform(line) if len(line) else np.empty((0, 2))
+    along = np.linspace(along[:-1], along[1:], 100).reshape(-1, 2)
+    taken = np.vstack(  # by the line, markers and bars: rows of left, bottom, right and top
         [
+            np.hstack([along - point, along + point]),
             np.hstack([at - 5 * point, at + 5 * point]),
             np.column_stack([low[:, 0], at[:, 1] - point, high[:, 0], at[:, 1] + point]),
             np.column_stack([at[:, 0] - point, low[:, 1], at[:, 0] + point, high[:, 1]]),

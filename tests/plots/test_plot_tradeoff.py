@@ -14,10 +14,11 @@ from cotlearn import diagnostics, plots
 from cotlearn.couplings import Independent, MinibatchOT
 
 
-def point(name, coupling, skew=0.1, variance=1.0, width=0.02):
+def point(name, coupling, skew=0.1, variance=1.0, width=0.02, flagged=False):
     found = {"skew": skew, "one_step_variance": variance}
     intervals = {f"{key}_interval": (value - width, value + width) for key, value in found.items()}
-    return SimpleNamespace(name=name, coupling=coupling, **found, **intervals)
+    known = {"name": name, "coupling": coupling, "flagged": flagged}
+    return SimpleNamespace(**known, **found, **intervals)
 
 
 CROWDED = [
@@ -58,6 +59,14 @@ def test_frontier_labels_do_not_overlap(height):
     for k, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in boxes[:k])
         assert ax.get_window_extent().x0 <= box.x0 <= box.x1 <= ax.get_window_extent().x1 + 1
+
+
+def test_frontier_draws_skewed_points_hollow():
+    ax = plots.frontier([*CROWDED, point("w", "residual", 0.3, 1.0, flagged=True)])
+    fills = {m.get_marker(): to_hex(m.get_markerfacecolor()) for m in ax.get_lines()}
+    assert fills[plots.LOOKS["residual"].marker] == "#ffffff"
+    assert fills["s"] == plots.COLORS["minibatch_ot"].lower()
+    assert "hollow" in ax.get_xlabel()
 
 
 def test_frontier_joins_the_names_of_a_curve_in_their_order():
