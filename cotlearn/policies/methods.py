@@ -115,7 +115,7 @@ def _distil(run: Run, *, inverted: bool = False) -> None:
 
     The pairs are noise and the teacher's chunk from it, or, inverted, a demonstrated chunk and the
     noise from which the teacher would make it. Backwards, Euler's method is not enough: where data
-    vary little, the noise would stay too near to 0 (see `benchmarks/few_data.py`).
+    vary little, the noise would stay too near to 0 (`benchmarks/inversion.py`).
     """
     run.network = run.fit("teacher_").network
     started = time.perf_counter()

@@ -95,6 +95,6 @@ def forked(path, arguments, kept):
         limits = [2, *sorted(kept), 256]
         for low, high in pairwise(limits):
             os.closerange(low + 1, high)
-        exec(arguments[-1].decode() if isinstance(arguments[-1], bytes) else arguments[-1])
+        exec(arguments[-1])
         os._exit(0)
     return pid
