@@ -10,10 +10,14 @@ forward-equivalents (a backward pass is two); who needs a teacher spends half of
 score is squared W2 for each condition, averaged.
 
     python benchmarks/one_step.py
+    python benchmarks/one_step.py --digits
 
-writes data/results/one_step.json. An interrupted run goes on.
+writes data/results/one_step.json; with --digits one_step_digits.json, for scikit-learn's digits
+given the label, whose score is the energy distance of each class from its held-out images,
+averaged. An interrupted run goes on.
 """
 
+import argparse
 import math
 import time
 from collections.abc import Callable
@@ -23,12 +27,13 @@ from typing import Any
 
 import torch
 from cells import opened, score
+from digits_labels import score as digits_score
 from scipy.optimize import linear_sum_assignment
 from sklearn.cluster import KMeans
 from torch import Tensor, nn
 
 from cotlearn.couplings import ConditionalOT, Coupling, FixedPairs, Independent, StratifiedOT
-from cotlearn.datasets import Dataset
+from cotlearn.datasets import Dataset, digits
 from cotlearn.flows import FlowMatching, VelocityMLP, fit, integrate
 from cotlearn.flows.diffusion import predict, regression_loss
 from cotlearn.flows.matching import Loss
@@ -83,7 +88,7 @@ DATA: dict[str, Any] = {
     "rotating_pair": rotating_pair(),
     "five_gaussians": five_gaussians(),
 }
-LABELS = ("petals", "five_gaussians")
+LABELS = ("petals", "five_gaussians", "digits")
 Draw = Callable[[Any, Tensor, Tensor, int], Tensor]
 
 
@@ -167,9 +172,23 @@ def coupling_of(name: str, data: str) -> Coupling:
     return Independent()
 
 
+def rows_of(data: str, seed: int) -> Dataset:
+    """What a seed is trained on: fresh rows in 2D, all training images of the digits."""
+    if data == "digits":
+        return digits("train")
+    return Dataset(*DATA[data].sample(ROWS, generator=torch.Generator().manual_seed(seed)))
+
+
+def score_of(data: str, sample: Any, seed: int) -> float:
+    """Squared W2 for each condition, averaged; energy distance for the digits."""
+    if data == "digits":
+        return sum(digits_score(sample, digits("test"), seed)["energy_distance"]) / 10
+    return score(sample, DATA[data], seed)
+
+
 def trained_flow(data: Any, steps: int, coupling: Coupling, seed: int, start: Any = None) -> Any:
     """A flow with a share of its rows at t = 0."""
-    network = start or VelocityMLP(2, data.condition_dim, seed=seed, **SIZES)
+    network = start or VelocityMLP(data.dim, data.condition_dim, seed=seed, **SIZES)
     loss = FlowMatching(share_at_t0=0.3)
     options: dict[str, Any] = {**BATCH, "loss": loss, "seed": seed, "progress": False}
     return fit(network, data, coupling, steps=steps, **options).network
@@ -229,14 +248,14 @@ def clustered(rows: Dataset, seed: int) -> Clustered:
     source = Clustered(flow, rows, cluster, torch.zeros(0), torch.zeros(0))
     for _ in range(ROUNDS):
         noise = inverted(source.network, rows)
-        source.means = torch.stack([noise[rows_of].mean(dim=0) for rows_of in members])
+        source.means = torch.stack([noise[member].mean(dim=0) for member in members])
         source.roots = torch.linalg.cholesky(
-            torch.stack([noise[rows_of].T.cov() for rows_of in members]) + 1e-6 * torch.eye(2)
+            torch.stack([noise[member].T.cov() for member in members]) + 1e-6 * torch.eye(rows.dim)
         )
-        x0 = source.start(torch.randn(len(rows), 2, generator=generator), cluster)
-        for rows_of in members:
-            order = linear_sum_assignment(torch.cdist(rows.x1[rows_of], x0[rows_of]).square())[1]
-            x0[rows_of] = x0[rows_of][order]
+        x0 = source.start(torch.randn(len(rows), rows.dim, generator=generator), cluster)
+        for member in members:
+            order = linear_sum_assignment(torch.cdist(rows.x1[member], x0[member]).square())[1]
+            x0[member] = x0[member][order]
         steps = int((STEPS // 2 - made) / ROUNDS)
         source.network = trained_flow(rows, steps, FixedPairs(x0), seed, source.network)
     return source
@@ -247,7 +266,7 @@ def reflowed(rows: Dataset, pairs: str, seed: int) -> Any:
     teacher = trained_flow(rows, STEPS // 2, Independent(), seed)
     generator = torch.Generator().manual_seed(seed + 77)
     assert rows.c is not None
-    x0, x1 = torch.randn(len(rows), 2, generator=generator), rows.x1
+    x0, x1 = torch.randn(len(rows), rows.dim, generator=generator), rows.x1
     if pairs == "teacher":
         x1 = integrate(teacher, x0, rows.c, nfe=TEACHER_NFE).x1
     else:
@@ -259,18 +278,19 @@ def reflowed(rows: Dataset, pairs: str, seed: int) -> Any:
 
 def compute(key: dict[str, Any]) -> dict[str, Any]:
     """One cell: the floor, or a training and its scores."""
-    data, seed = DATA[key["data"]], key["seed"]
+    data, seed = key["data"], key["seed"]
+    rows = rows_of(data, seed)
     if key["way"] == "floor":
-        draws = [score(data.sample_given, data, 100 * seed + k) for k in range(FLOORS)]
+        real = rows if data == "digits" else DATA[data]
+        draws = [score_of(data, real.sample_given, 100 * seed + k) for k in range(FLOORS)]
         return {"floor": round(sum(draws) / FLOORS, 4)}
     way = WAYS[key["way"]]
-    rows = Dataset(*data.sample(ROWS, generator=torch.Generator().manual_seed(seed)))
     started = time.process_time()
     if key["pairs"] in ("independent", "conditional"):
         plain = VelocityMLP(rows.dim, rows.condition_dim + way.columns, seed=seed, **SIZES)
         steps = int(STEPS / way.cost)
         options: dict[str, Any] = {**BATCH, "loss": way.loss, "seed": seed, "progress": False}
-        coupling = coupling_of(key["pairs"], key["data"])
+        coupling = coupling_of(key["pairs"], data)
         network: Any = fit(way.network(plain), rows, coupling, steps=steps, **options).network
     elif key["way"] == "look-up":
         network = lambda t, x0, c: rows.x1[near(rows, c, x0)]  # noqa: E731
@@ -282,22 +302,32 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
 
     def drawn(nfe: int) -> Any:
         def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
-            return way.draw(network, torch.randn(len(c), 2, generator=generator), c, nfe)
+            return way.draw(network, torch.randn(len(c), rows.dim, generator=generator), c, nfe)
 
         return sample
 
-    scores = {str(nfe): score(drawn(nfe), data, seed) for nfe in way.evaluations}
-    return {"squared_w2": scores, "cpu_seconds": round(seconds, 1)}
+    scores = {str(nfe): score_of(data, drawn(nfe), seed) for nfe in way.evaluations}
+    metric = "energy_distance" if data == "digits" else "squared_w2"
+    return {metric: scores, "cpu_seconds": round(seconds, 1)}
 
 
 def main() -> None:
     """Fills the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--digits", action="store_true", help="in the place of the 2D data")
+    only_digits = parser.parse_known_args()[0].digits
     protocol = {"steps": STEPS, "rows": ROWS, "teacher_nfe": TEACHER_NFE, "draws": DRAWS}
     protocol |= {"clusters": CLUSTERS, "rounds": ROUNDS, "neighbours": NEIGHBOURS}
-    table = opened(__doc__ or "", {**protocol, **BATCH, **SIZES})
+    table = opened(
+        __doc__ or "",
+        {**protocol, **BATCH, **SIZES},
+        parser=parser,
+        name="one_step_digits" if only_digits else "",
+    )
+    names = ("digits",) if only_digits else tuple(DATA)
     keys = [
         {"data": data, "way": way, "pairs": pairs, "seed": seed}
-        for seed, data, way in product(SEEDS, DATA, ("floor", *WAYS))
+        for seed, data, way in product(SEEDS, names, ("floor", *WAYS))
         for pairs in (WAYS[way].pairs if way in WAYS else ("",))
     ]
     table.fill(keys, compute)
