@@ -131,7 +131,7 @@ def _choose(found: Frontier, spread: BetweenWithin) -> tuple[FrontierPoint, str]
     )
     gains = {p.name: gain_over(best, p) for p in clean if p is not best}
     close = [name for name, (gain, error) in gains.items() if gain <= sure * error]
-    alike = f"Not to be told from it: {', '.join(close)}."
+    alike = f"Within chance of it: {', '.join(close)}."
     reason += alike if close else "All others without significant skew score worse."
     ahead = [p.name for p in found if p.flagged and p.one_step_score < best.one_step_score]
     reason += f" Left out for their skew, with a better score: {', '.join(ahead)}." * bool(ahead)

@@ -135,7 +135,7 @@ def test_constant_conditions():
 
 @pytest.mark.parametrize(
     ("second", "words"),
-    [(0.9, "All others without significant skew score worse"), (0.5, "Not to be told from it: ")],
+    [(0.9, "All others without significant skew score worse"), (0.5, "Within chance of it: ")],
 )
 def test_it_is_said_which_others_are_as_good(second, words):
     x1, c = mixtures.petals().sample(800, generator=seeded())
