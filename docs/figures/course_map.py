@@ -14,7 +14,7 @@ from matplotlib.patches import FancyBboxPatch
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGET = Path(__file__).resolve().with_suffix(".svg")
-EVENING = {"00": "", "02": "", "03": "", "04": "first half", "08": ""}
+EVENING = {"00": "", "02": "", "03": "", "04": "sections 1 to 3", "08": ""}
 WEEKS = {"1": ("00", "02"), "2": ("03", "04"), "3": ("07", "09"), "4": ("10", "99")}
 #: What stands beside the path, next to which notebook, and the question that it answers.
 BESIDE = {
@@ -24,8 +24,8 @@ BESIDE = {
     "laboratory": ("08", "all methods, ablations"),
 }
 BLUE, INK, PALE, GREY = "#0b5ea8", "#222222", "#eef4fa", "#666666"
-WIDE, STEP = 4.3, 0.62  #: inches
-LEFT, RIGHT = (0.5, 2.22), (2.42, 4.25)  #: edges of the two columns
+WIDE, STEP = 4.6, 0.62  #: inches
+LEFT, RIGHT = (0.5, 2.42), (2.62, 4.55)  #: edges of the two columns
 
 
 def titles() -> dict[str, str]:
