@@ -13,7 +13,7 @@ from cotlearn.plots.style import COLORS, PATH_COLOR, readable, style_of
 
 #: Where a text may stand: a distance from its point in points of an inch, and a direction.
 _DISTANCES = np.repeat([8, 14, 22, 32, 44, 58, 76, 98, 124, 150], 8)
-_ANGLES = np.deg2rad(np.tile([0, 180, 35, -35, 90, -90, 145, -145], 10))
+_ANGLES = np.deg2rad(np.tile([0, 180, 35, -35, 145, -145, 90, -90], 10))
 _DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]).round(9)
 #: The share of the text that lies before its anchor: it grows away from the point.
 _SHARES = (1 - np.sign(_DIRECTIONS)) / 2
