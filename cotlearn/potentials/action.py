@@ -61,7 +61,7 @@ class ActionMLP(nn.Module):
 
 
 class OptimalAction(nn.Module):
-    """The action of a potential's straight flow, s_t(x) = |x|^2/(2t) - Phi_t^*(x)/t (identity I1).
+    """The action of a potential's straight flow, s_t(x) = |x|^2/(2t) - Phi_t^*(x)/t (identity I3).
 
     Let z0 be the start of the line that passes x at time t, and u = grad Psi(z0) - z0 its velocity.
     Then s_t(x) = t |u|^2/2 + Psi(z0) - |z0|^2/2, which is defined at t = 0, too. It solves the
@@ -102,7 +102,7 @@ def action_matching_loss(
     """s_0(x0) - s_1(x1) + |grad s_t(x_t)|^2/2 + ds_t/dt(x_t), at one time per row.
 
     For a field v that generates the law of x_t, the expected loss is E|grad s - v|^2/2 up to a
-    constant; on straight paths L_FM(grad s) = 2 L_AM(s) + E|x1 - x0|^2 (identity I3). The loss can
+    constant; on straight paths L_FM(grad s) = 2 L_AM(s) + E|x1 - x0|^2 (identity I2). The loss can
     be negative.
 
     Args:

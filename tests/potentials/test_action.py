@@ -1,4 +1,4 @@
-"""Action Matching: identities I1 and I3, variance of its times, and what the middle does."""
+"""Action Matching: identities I2 and I3, variance of its times, and what the middle does."""
 
 import functools
 import math
@@ -33,7 +33,7 @@ def differences(action, t, x, c, h=1e-5):
 
 @pytest.mark.parametrize("condition_dim", [0, 2])
 @pytest.mark.parametrize("t", [0.02, 0.5, 0.97])
-def test_i1_pointwise(t, condition_dim):
+def test_i3_pointwise(t, condition_dim):
     """grad s = u, ds/dt = -|u|^2/2, both against finite differences of s."""
     action, pairs = OptimalAction(network(condition_dim)), make_pairs(condition_dim=condition_dim)
     by_t, by_x = action.derivatives(t, pairs.x1, pairs.c)
@@ -83,7 +83,7 @@ def test_optimal_action_matching_is_the_dual_for_any_middle(path, condition_dim)
     assert all(torch.allclose(a, b, atol=1e-8) for a, b in zip(first, second, strict=True))
 
 
-def test_i3_by_monte_carlo():
+def test_i2_by_monte_carlo():
     """L_FM(grad s) = 2 L_AM(s) + E|x1 - x0|^2, on the same pairs and times."""
     pairs = make_pairs(40_000)
     action = ActionMLP(2, width=32, depth=2, seed=0).double()

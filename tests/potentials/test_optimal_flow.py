@@ -1,4 +1,4 @@
-"""Optimal flow matching against closed forms, finite differences, and its own dual (I1 is in
+"""Optimal flow matching against closed forms, finite differences, and its own dual (I3 is in
 test_action)."""
 
 import numpy as np
@@ -100,11 +100,11 @@ def test_floor_with_a_known_map():
     assert floor.mean() > 1
 
 
-# --- I2: the loss is twice the dual, whatever the plan --------------------------------------------
+# --- I1: the loss is twice the dual, whatever the plan --------------------------------------------
 
 
 @pytest.mark.parametrize("condition_dim", [0, 2])
-def test_i2_for_two_plans(condition_dim):
+def test_i1_for_two_plans(condition_dim):
     net = network(condition_dim)
     values = []
     with torch.no_grad():
