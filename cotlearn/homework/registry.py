@@ -27,6 +27,7 @@ _NAME = re.compile(r"(\d\d|hw\d)\.[a-z0-9_]+")
 _Check = Callable[..., None]
 _registry: dict[str, _Check] = {}
 _correct: set[str] = set()  # in this process
+_NO_CODE = (lambda: None).__code__  #: as short as that of a function whose body is only `...`
 
 
 class _Silent:
@@ -99,8 +100,8 @@ def check(answer: object, name: str) -> Verdict:
     notebook, the verdict is stored for `cotlearn progress` in a file on this machine.
 
     Args:
-        answer: The learner's function or value. `None`, `...`, and a function that raises
-            NotImplementedError or returns `None` or `...` count as not attempted.
+        answer: The learner's function or value. `None`, `...`, and a function without code, or that
+            raises NotImplementedError or returns `...`, count as not attempted.
         name: The exercise, as "01.interpolate".
 
     Returns:
@@ -199,6 +200,7 @@ def _is_stub(answer: object) -> bool:
 
 def _watched(function: Any) -> Callable[..., Any]:
     """Wraps a learner's function, to tell unchanged stubs from errors in the function."""
+    code = getattr(function, "__code__", _NO_CODE).co_code
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -208,6 +210,8 @@ def _watched(function: Any) -> Callable[..., Any]:
             raise
         except Exception as error:
             raise NotYet(f"your function {function.__name__} {said(error)}") from error
+        if result is None and len(code) > len(_NO_CODE.co_code):
+            raise NotYet(f"your function {function.__name__} returned None; is a return missing?")
         if _is_stub(result):
             raise NotImplementedError
         return result

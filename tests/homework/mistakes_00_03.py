@@ -37,6 +37,10 @@ def augmented(power=2, of_weight=1):
     return lambda a, c, b, d, w: cdist(a, b) ** power + w**of_weight * cdist(c, d) ** power
 
 
+def one_seed(c, generator=None):
+    return petals().sample(len(c), generator=torch.Generator().manual_seed(0))[0]
+
+
 ALL_RIGHT = {"shape": (256, 6), "gradient": 12, "best_constant": 0, "mean": 2, "euler": 0.25}
 
 
@@ -51,6 +55,7 @@ MISTAKES = [
     ("00.self_test", {**ALL_RIGHT, "euler": ...}, "4 of 5"),
     ("00.self_test", {**ALL_RIGHT, "gradient": "twelve"}, "gradient"),
     ("00.self_test", [1, 2], "dict"),
+    ("00.self_test", {**ALL_RIGHT, "grad": 12}, "these keys: shape, gradient"),
     ("00.perfect_one_step", 1.44, "variance"),
     ("00.perfect_one_step", 1.2, "squared"),
     ("00.perfect_one_step", "1.565 or so", "number"),
@@ -59,6 +64,8 @@ MISTAKES = [
     ("00.deaf_sampler", lambda c, generator=None: petals().sample_given(c, generator), "listen"),
     ("00.deaf_sampler", lambda c, generator=None: petals().sample(len(c))[0], "seed"),
     ("00.deaf_sampler", lambda c, generator=None: petals().sample(len(c), generator), "tuple"),
+    ("00.deaf_sampler", one_seed, "its seed alone"),
+    ("00.deaf_sampler", lambda c, generator=None: torch.zeros(len(c), 2), "four petals"),
     ("00.deaf_sampler", first_petal, "four petals"),
     ("00.deaf_sampler", 3, "function"),
     ("03.labels_follow", lambda x0, x1, c: (x1[columns(x0, x1)], c), "labels stayed"),
@@ -77,6 +84,7 @@ MISTAKES = [
     ("03.skew", lambda r, v: r, "one number"),
     ("03.energy_distance", lambda x, y: energy(x, y, own=0), "no pair"),
     ("03.energy_distance", lambda x, y: -energy(x, y), "sign"),
+    ("03.energy_distance", lambda x, y: max(0.0, energy(x, y)), "do not cut it off"),
     ("03.energy_distance", lambda x, y: energy(x**2, y**2), "expected"),
 ]
 

@@ -7,6 +7,11 @@ from scipy.optimize import linear_sum_assignment
 from torch import cdist
 
 
+def in_place(x0, x1, t):
+    x0 += t[:, None] * (x1 - x0)
+    return x0, x1
+
+
 def columns(cost):
     return torch.from_numpy(linear_sum_assignment(cost)[1])
 
@@ -78,6 +83,8 @@ MISTAKES = [
     ("01.interpolate", lambda x0, x1, t: ((1 - t) * x0 + t * x1, x1 - x0), "RuntimeError"),
     ("01.interpolate", lambda x0, x1, t: x1 - x0, "two things"),
     ("01.interpolate", lambda x0, x1, t: (x0[:2], x1), "shape"),
+    ("01.interpolate", in_place, "changed its inputs"),
+    ("01.interpolate", lambda x0, x1, t: print(end=""), "is a return missing?"),
     ("01.interpolate", 3, "function"),
     ("01.velocity_from_end", lambda t, x, end: end - x, "time that remains"),
     ("01.velocity_from_end", lambda t, x, end: (end - x) / t[:, None], "has passed"),
@@ -101,6 +108,7 @@ MISTAKES = [
     ("02.transport_cost", lambda x0, x1, p: squares(x0[p], x1, ...).sum(1).mean(), "belongs to x1"),
     ("02.transport_cost", lambda x0, x1, p: squares(x0, x1, ...).sum(1).mean(), "not used"),
     ("02.transport_cost", lambda x0, x1, p: squares(x0, x1, p).sum(1), "one number"),
+    ("02.transport_cost", lambda x0, x1, p: squares(x0, x1, p).sum() / 6, "expected"),
     ("02.transport_cost", lambda x0, x1, p: 7, "for these data expected"),
     ("02.cheapest_pairing", lambda x0, x1: cdist(x0, x1).argmin(dim=1), "not a permutation"),
     ("02.cheapest_pairing", greedy, "greedy"),

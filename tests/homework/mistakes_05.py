@@ -34,6 +34,7 @@ MISTAKES = [
     ("05.evaluations", lambda B, K: B, "add t = 0"),
     ("05.evaluations", lambda B, K: 7, "expected 320"),
     ("05.evaluations", lambda B, K: "many", "one number"),
+    ("05.evaluations", lambda B, K: str(B * (1 + K)), "one number, got str"),
     ("05.at_zero", lambda x0, x1: torch.cdist(x1, x0).square(), "transposed"),
     ("05.at_zero", torch.cdist, "squared"),
     ("05.at_zero", lambda x0, x1: 2 * torch.cdist(x0, x1).square(), "not their sum"),

@@ -3,11 +3,12 @@
 import torch
 
 
-def newton(x, t, slope, curvature, *, derivative=None, steps=60):
+def newton(x, t, slope, curvature, *, derivative=None, steps=60, without_t=False):
     """Solves (1 - t) z + t slope(z) = x, with the derivative by z or with another number."""
     z = torch.zeros_like(x)
     for _ in range(steps):
         by_z = (1 - t) + t * curvature(z) if derivative is None else derivative
+        by_z = curvature(z) if without_t else by_z
         z = z - ((1 - t) * z + t * slope(z) - x) / by_z
     return z
 
@@ -38,6 +39,8 @@ def conjugate(a, b, x):
 
 MISTAKES = [
     ("06.start_of_line", lambda x, t, slope, curvature: x, "where did it start"),
+    ("06.start_of_line", lambda x, t, s, c: newton(x, t, s, c, steps=1), "one Newton step"),
+    ("06.start_of_line", lambda x, t, s, c: newton(x, t, s, c, without_t=True), "run away"),
     ("06.start_of_line", lambda x, t, s, c: s(newton(x, t, s, c)), "where the line ends"),
     ("06.start_of_line", lambda x, t, s, c: s(newton(x, t, s, c)) - newton(x, t, s, c), "velocity"),
     ("06.start_of_line", lambda x, t, s, c: newton(x, 1.0, s, c), "(1 - t) z is missing"),

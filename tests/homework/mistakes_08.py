@@ -27,8 +27,12 @@ def plan(x0, x1, mean, *, power=2, sign=1, add=-1):
     return torch.from_numpy(linear_sum_assignment(cost)[1])
 
 
+def variance(point):
+    return point.one_step_variance
+
+
 def least_variance(points):
-    return min(points, key=lambda p: p.one_step_variance)
+    return min(points, key=variance)
 
 
 def clean(points):
@@ -47,6 +51,7 @@ MISTAKES = [
     ("08.verdict", lambda low, high, m: verdict(high, low, m), "lower end"),
     ("08.verdict", lambda low, high, m: verdict(*[(low + high) / 2] * 2, m), "the middle says"),
     ("08.verdict", lambda low, high, m: "shown" if low > -m else "refuted", "decides nothing"),
+    ("08.verdict", lambda low, high, m: verdict(low + 1e-9, high, m), "expected 'open'"),
     ("08.verdict", lambda low, high, m: "open", "expected 'shown', got 'open'"),
     ("08.verdict", lambda low, high, m: low > -m, "one of the words"),
     ("08.verdict", "shown", "expected a function"),
@@ -56,19 +61,23 @@ MISTAKES = [
     ("08.within", lambda ms, rows: best_of(rows, lambda r: -r["ms"]), "the fastest is not"),
     ("08.within", lambda ms, rows: within(ms - 1e-9, rows), "use <="),
     ("08.within", lambda ms, rows: within(max(ms, 1), rows), "return 'none'"),
+    ("08.within", lambda *g: within(*g) if fitting(*g) else None, "is a return missing?"),
+    ("08.within", lambda ms, rows: rows.reverse() or within(ms, rows), "changed its inputs"),
     ("08.within", "D", "expected a function"),
-    ("08.centred_plan", lambda x0, x1, m: plan(x0, x1, m, add=0), "subtract the mean first"),
+    ("08.centred_plan", lambda x0, x1, m: plan(x0, x1, m, add=0), "own mean"),
+    ("08.centred_plan", lambda x0, x1, m: plan(x0, x1, m.mean(dim=0)), "changes no pair"),
     ("08.centred_plan", lambda x0, x1, m: plan(x0, x1, m, add=1), "that adds the mean"),
     ("08.centred_plan", lambda x0, x1, m: plan(x0, x1, m, sign=-1), "not large"),
     ("08.centred_plan", lambda x0, x1, m: plan(x0, x1, m, power=1), "square the distances"),
     ("08.centred_plan", lambda x0, x1, m: plan(x0, x1, m).argsort(), "the other way round"),
-    ("08.centred_plan", lambda x0, x1, m: torch.arange(len(x0)), "not those of least cost"),
+    ("08.centred_plan", lambda x0, x1, m: torch.arange(len(x0)), "not the pairs of least cost"),
     ("08.centred_plan", lambda x0, x1, m: torch.cdist(x0, x1 - m).argmin(dim=1), "is used once"),
     ("08.choose", lambda points: least_variance(points).name, "that point is flagged"),
     ("08.choose", lambda points: least_variance(points), "the name of the point"),
     ("08.choose", lambda points: min(points, key=lambda p: abs(p.skew)).name, "are chance"),
     ("08.choose", lambda points: points[-1].name, "are chance"),
-    ("08.choose", lambda points: "none", "expected '64'"),
+    ("08.choose", lambda ps: max(clean(ps) or ps, key=variance).name, "not a large one"),
+    ("08.choose", lambda points: "none", "expected '512'"),
     ("08.choose", lambda ps: least_variance(clean(ps) or ps).name, "take the least skewed, 'b'"),
     ("08.choose", lambda points: min([], key=len), "raised ValueError"),
     ("08.choose", 64, "expected a function"),

@@ -33,6 +33,7 @@ MISTAKES = [
     ("09.damped_step", lambda J, e, d: J.T @ (J @ J.T + d * np.eye(len(J))) @ e, "inverse"),
     ("09.damped_step", lambda J, e, d: np.ones(7), "not the minimiser"),
     ("09.damped_step", lambda J, e, d: np.linalg.solve(J @ J.T, e), "must have shape (7,)"),
+    ("09.damped_step", lambda J, e, d: damped(J, e, d)[:, None], "drop the axis of length 1"),
     ("09.damped_step", lambda J, e, d: np.full(7, np.nan), "not all values are finite"),
     ("09.damped_step", 3.0, "expected a function"),
     ("09.between_share", lambda p: within(p) / total(p), "share within"),

@@ -54,6 +54,7 @@ MISTAKES = [
     ("10.gap", lambda m, a, c, b, o: error(m, a[o], c[o], b) - error(m, a, c, b), "stay with"),
     ("10.gap", lambda m, a, c, b, o: error(m, a, c[o], b) - error(m, a, c, b), "not the cond"),
     ("10.gap", lambda m, x0, c, x1, o: gap(m, x0, c, x1, torch.arange(len(o))), "nothing changes"),
+    ("10.gap", lambda m, x0, c, x1, o: gap(m, torch.randn(x0.shape), c, x1, o), "expected"),
     ("10.gap", lambda *given: gap(*given) / 3, "not a mean"),
     ("10.gap", lambda *given: gap(*given) * len(given[1]), "not the sum"),
     ("10.gap", lambda m, x0, c, x1, o: error(m, x0[o], c, x1), "expected"),
@@ -68,6 +69,9 @@ MISTAKES = [
     ("10.memorises", lambda s, f: [k for k in s if s[k][1] - s[k][0] > f], "not the difference"),
     ("10.memorises", lambda s, f: [k for k in s if s[k][1] > s[k][0]], "use the factor"),
     ("10.memorises", lambda s, f: [k for k in s if s[k][1] > f], "its own score"),
+    ("10.memorises", lambda s, f: [k for k in s if s[k][1] >= f * s[k][0]], "exactly as much"),
+    ("10.memorises", lambda s, f: [k for k in s if s[k][1] > 2 * s[k][0]], "use it as it is"),
+    ("10.memorises", lambda s, f: [k for k in s if s[k][1] > (1 + f) * s[k][0]], "as it is"),
     ("10.memorises", lambda s, f: "a", "in a list"),
 ]
 

@@ -32,6 +32,11 @@ def inside(label, value):
     return torch.cat(off).square().sum(dim=1).mean()
 
 
+def by_position(label, value):
+    mean = torch.stack([value[label == k].mean(dim=0) for k in label.unique()])
+    return (value - mean[label]).square().sum(dim=1).mean()
+
+
 def whole(label, value):
     return (value - value.mean(dim=0)).square().sum(dim=1).mean()
 
@@ -65,6 +70,8 @@ MISTAKES = [
     ("11.inside", lambda k, v: len(v) * inside(k, v), "not the total"),
     ("11.inside", lambda k, v: inside(k, v) / 2, "the sum over coordinates"),
     ("11.inside", lambda k, v: whole(k, v) - inside(k, v), "expected"),
+    ("11.inside", by_position, "raised IndexError"),
+    ("11.correlation", lambda x0, m: correlation(x0, m) * (x0.shape[1] / 3) ** 0.5, "expected"),
     ("11.correlation", uncentred, "the average of m"),
     ("11.correlation", lambda x0, m: 3**0.5 * correlation(x0, m), "d is missing"),
     ("11.correlation", lambda x0, m: correlation(x0, m) / 3, "a sum over columns"),

@@ -43,6 +43,15 @@ def first_ahead(scores, flagged):
     return next(ahead, "independent")
 
 
+def surest(scores, flagged):
+    """The one that is ahead by the most standard errors, and not the best."""
+    free = scores["independent"]
+    gains = {name: free - row for name, row in clean(scores, flagged).items() if row is not free}
+    sure = {name: gain.mean() / gain.std() * np.sqrt(len(gain)) for name, gain in gains.items()}
+    name = max(sure, key=sure.get)
+    return name if sure[name] > 2 else "independent"
+
+
 right = decide_by(2)
 
 
@@ -56,6 +65,8 @@ MISTAKES = [
     ("12.decide", decide_by(10), "std / sqrt(n)"),  # the square root of n forgotten
     ("12.decide", flags_last, "without a flag"),
     ("12.decide", first_ahead, "strata is better still"),
+    ("12.decide", surest, "strata is better still"),
+    ("12.decide", lambda s, f: right({k: s.pop(k) for k in [*s]}, f), "changed its inputs"),
     ("12.guided", lambda a, b, s: b - s * (a - b), "with the label minus without"),
     ("12.guided", lambda a, b, s: a, "scale is not used"),
     ("12.decide", lambda s, f: best(s), "is flagged"),

@@ -33,7 +33,12 @@ def not_implemented(x):
     raise NotImplementedError("your code here")
 
 
-STUBS = [None, ..., (None, ...), not_implemented]
+def only_dots(x):
+    """Returns twice x."""
+    ...
+
+
+STUBS = [None, ..., (None, ...), not_implemented, only_dots]
 STUBS += [lambda x: None, lambda x: ..., lambda x: (..., ...)]
 
 
@@ -57,6 +62,7 @@ def test_a_right_answer(capsys):
         (lambda x: x * math.nan, "the numbers are not twice"),
         (lambda x: 1 / 0, "raised ZeroDivisionError: division by zero"),
         (lambda: 0, "raised TypeError"),
+        (lambda x: print(end=""), "returned None; is a return missing?"),
         (lambda x: [2 * v for v in x], "AttributeError: 'list' object has no attribute 'shape'"),
         ("2 * x", "TypeError: 'str' object is not callable"),
     ],

@@ -64,8 +64,7 @@ def _pairs(
     source, target = _rows(a, x0), _rows(b, x1)
     if (source < 0).any() or (target < 0).any():
         raise NotYet("the rows of x0 and x1 must stay as they are; only their order changes")
-    missing = n - min(len(target.unique()), len(source.unique()))
-    if missing:
+    if missing := n - min(len(target.unique()), len(source.unique())):
         hint = "a pairing uses each row once; do not draw with replacement"
         raise NotYet(f"{missing} of {n} rows were never used: {hint}")
     if not same(k, c[target]):

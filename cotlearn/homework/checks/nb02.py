@@ -12,15 +12,16 @@ from cotlearn.homework.registry import NotYet
 @table("02.transport_cost")
 def transport_cost(g: torch.Generator) -> Cases:
     """The mean squared distance between the two points of a pair."""
-    x0, x1 = torch.randn(2, 6, 3, generator=g)
-    p = torch.tensor([2, 0, 1, 5, 3, 4])
-    off, far = x0 - x1[p], torch.cdist(x0, x1).square()
-    wrong = squares(off) | {
-        "p is not used, or on both sides: x0[i] meets x1[p[i]]": far.diagonal().mean(),
-        "p belongs to x1: x0[i] meets x1[p[i]]": far[p, range(6)].mean(),
-        "this averages over all pairs, not over those of p": far.mean(),
-    }
-    yield Case((x0, x1, p), off.square().sum(dim=1).mean(), wrong)
+    for n, d in ((6, 3), (9, 2)):
+        x0, x1 = torch.randn(2, n, d, generator=g)
+        p = torch.randperm(n, generator=g)
+        off, far = x0 - x1[p], torch.cdist(x0, x1).square()
+        wrong = squares(off) | {
+            "p is not used, or on both sides: x0[i] meets x1[p[i]]": far.diagonal().mean(),
+            "p belongs to x1: x0[i] meets x1[p[i]]": far[p, range(n)].mean(),
+            "this averages over all pairs, not over those of p": far.mean(),
+        }
+        yield Case((x0, x1, p), off.square().sum(dim=1).mean(), wrong)
 
 
 @table("02.cheapest_pairing")

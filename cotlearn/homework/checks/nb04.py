@@ -11,8 +11,9 @@ from cotlearn.homework.registry import NotYet, exercise
 @table("04.candidates")
 def candidates() -> Cases:
     """The number of candidates, 1 + (B - 1)/K, for several batch sizes and numbers of labels."""
-    for B, K in ((256, 4), (64, 64), (1, 10), (1024, 1)):
+    for B, K in ((250, 4), (64, 64), (1, 10), (1024, 1)):
         wrong = {
+            "a mean need not be whole: do not round": 1 + (B - 1) // K,
             "B / K leaves out that a row always finds one partner, whose label it copied": B / K,
             "count the row itself too: it is always there": (B - 1) / K,
             "the row itself is one of the B: only B - 1 others are left to chance": 1 + B / K,
@@ -63,11 +64,11 @@ def stratify(answer: Any) -> None:
     """Optimal pairs within each label, never across labels."""
     g = torch.Generator().manual_seed(5)
     for sizes in ((5, 5, 5), (1, 7, 4)):
-        label = torch.repeat_interleave(torch.arange(len(sizes)), torch.tensor(sizes))
+        label = torch.repeat_interleave(torch.tensor([2, 5, 9]), torch.tensor(sizes))
         label = label[torch.randperm(len(label), generator=g)]
         n = len(label)
         x0, x1 = torch.randn(n, 2, generator=g), 3 * torch.randn(n, 2, generator=g)
-        hint = "each data row comes once; turn positions inside a label into rows of the batch"
+        hint = "solve an assignment inside each label; turn its positions into rows of the batch"
         p = permutation(call(answer, x0.clone(), x1.clone(), label.clone()), n, hint)
         if not torch.equal(label[p], label):
             raise NotYet("some noise meets data of another label")
@@ -75,4 +76,5 @@ def stratify(answer: Any) -> None:
         across = label[:, None] != label
         best, got = (cost[range(n), q].sum() for q in (cheapest(cost + 1e6 * across), p))
         if got > best * (1 + 1e-5):
-            raise NotYet(f"labels are kept, but the pairs cost {got:.3f}, the cheapest {best:.3f}")
+            kept = f"the labels {label.unique().tolist()} are kept"
+            raise NotYet(f"{kept}, but the pairs cost {got:.3f}, the cheapest {best:.3f}")

@@ -32,7 +32,7 @@ def _weights(errors: torch.Tensor, fraction: float, boost: float) -> Case:
         "the weights should have mean 1, not sum 1": best / best.sum(),
         "one too many: floor(B p) pairs are raised": more / more.mean(),
     }
-    return Case((errors, fraction, boost), right, wrong, what="the weights", unchanged=True)
+    return Case((errors, fraction, boost), right, wrong, what="the weights")
 
 
 @table("05.evaluations")

@@ -10,7 +10,7 @@ from cotlearn.homework.checks.common import Case, Cases, same, squares, table, t
 Function = Callable[[torch.Tensor], torch.Tensor]
 #: slope and curvature of convex functions of one variable
 CONVEX: tuple[tuple[Function, Function], ...] = (
-    (lambda z: 2 * z + 1, lambda z: torch.full_like(z, 2.0)),
+    (lambda z: 0.25 * z + 1, lambda z: torch.full_like(z, 0.25)),
     (lambda z: z + z**3, lambda z: 1 + 3 * z**2),
     (lambda z: 0.5 * z + torch.tanh(z), lambda z: 1.5 - torch.tanh(z) ** 2),
 )
@@ -43,7 +43,7 @@ def line_start(z: torch.Tensor, t: float, slope: Function, curvature: Any) -> Ca
 
     x = left(z)
     wrong = {
-        "that is x itself, where the line is at time t; where did it start?": x,
+        "that is x itself, or one Newton step from 0: where did it start?": x,
         "that is slope(z), where the line ends; return z": slope(z),
         "that is the velocity slope(z) - z; return z": slope(z) - z,
         "the (1 - t) z is missing: you solved slope(z) = x": lambda found: same(slope(found), x),

@@ -23,8 +23,8 @@ def components(g: torch.Generator) -> Cases:
 @table("11.inside")
 def inside(g: torch.Generator) -> Cases:
     """The mean squared distance of a row from the mean of its cluster."""
-    label = torch.tensor([0, 1, 2, 0, 2, 2, 2, 1, 2, 0])
-    x = torch.randn(10, 2, generator=g) + 2 * label[:, None]
+    label = torch.tensor([0, 2, 70, 0, 70, 70, 70, 2, 70, 0])
+    x = torch.randn(10, 2, generator=g) + 2 * (label % 3)[:, None]
     near = torch.stack([x[label == k].mean(dim=0) for k in label])
     right, whole = ((x - m).square().sum(dim=1).mean() for m in (near, x.mean(dim=0)))
     wrong = {"subtract the mean of a row's own cluster": whole}
@@ -49,11 +49,12 @@ def place(g: torch.Generator) -> Cases:
 @table("11.correlation")
 def correlation(g: torch.Generator) -> Cases:
     """The correlation of noise x0 with the mean chunks m of the rows that it is paired with."""
-    x0, m = torch.randn(2, 8, 3, generator=g) + 1
-    raw, right = ((x0 * a).sum() / (24 * a.square().sum()).sqrt() for a in (m, m - m.mean(dim=0)))
-    wrong = {
-        "subtract the average of m over the rows first": raw,
-        "d is missing: the squared length of noise is d on average": 3**0.5 * right,
-        "the inner product is a sum over columns; the mean is over rows": right / 3,
-    }
-    yield Case((x0, m), right, wrong)
+    for n, d in ((8, 3), (12, 5)):
+        x0, m = torch.randn(2, n, d, generator=g) + 1
+        raw, right = ((x0 * a).sum() / a.norm() / (n * d) ** 0.5 for a in (m, m - m.mean(dim=0)))
+        wrong = {
+            "subtract the average of m over the rows first": raw,
+            "d is missing: the squared length of noise is d on average": d**0.5 * right,
+            "the inner product is a sum over columns; the mean is over rows": right / d,
+        }
+        yield Case((x0, m), right, wrong)

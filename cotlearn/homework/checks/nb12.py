@@ -24,13 +24,12 @@ def decide() -> Cases:
 
 
 def _decision(gains: dict[str, float], right: str, sure: float) -> Case:
-    """Scores whose best clean gain is `sure` standard errors."""
+    """Scores whose best clean gain is `sure` standard errors; smaller gains are surer."""
     rng = np.random.default_rng(12)
     row = rng.gamma(4.0, 0.25, size=100)  # what every coupling finds hard
     clean = {name: gain for name, gain in gains.items() if name != "naive OT"}
-    error = abs(max(clean.values())) / sure
-    noise = error * 10 * np.resize([1.0, -1.0], 100)  # of this standard error
-    scores = {"independent": row} | {name: row - gain + noise for name, gain in gains.items()}
+    noise = 10 / sure / abs(max(clean.values())) * np.resize([1.0, -1.0], 100)
+    scores = {"independent": row} | {k: row - gain + gain**2 * noise for k, gain in gains.items()}
     clean["independent"] = 0
     wrong: dict[str, Any] = {"naive OT is flagged: leave it out first": "naive OT"}
     if (worst := min(clean, key=clean.__getitem__)) not in (right, "independent"):

@@ -25,12 +25,11 @@ def cross_fit(g: torch.Generator) -> Cases:
         everywhere = fit(torch.ones_like(episode, dtype=torch.bool))
         alone = _folded(lambda rows: fit(~rows), episode % FOLDS)
         folds = torch.stack([fit(episode % FOLDS != k) for k in range(FOLDS)])
+        by_window = _folded(fit, torch.arange(len(episode)) % FOLDS)
         wrong = {
             "those fits saw the window's own episode: leave its fold out": everywhere,
             "that fits on the fold alone: fit on all rows but those of the fold": alone,
-            "those folds are of windows, so a fit saw others of the same episode": _folded(
-                fit, torch.arange(len(episode)) % FOLDS
-            ),
+            "those folds are of windows, so a fit saw others of the same episode": by_window,
             "take the one fit that left the window's fold out, not the mean of five": folds.mean(0),
         }
         yield Case((episode, fit), _folded(fit, episode % FOLDS), wrong)
@@ -48,15 +47,13 @@ def balance(g: torch.Generator) -> Cases:
     for forks, draws in ((2, 8), (5, 12)):
         left = torch.rand(forks, draws, generator=g) < torch.linspace(0.1, 0.9, forks)[:, None]
         share = left.double().mean(dim=1)
-        right = torch.minimum(share, 1 - share).mean()
+        rarer = torch.minimum(share, 1 - share)
         pooled = torch.minimum(share.mean(), 1 - share.mean())
         wrong = {
             "a policy that always goes left at one fork and right at the next would look balanced: "
             "take the rarer way at each fork, then the mean": pooled,
-            "that is the share of the more frequent way": 1 - right,
+            "that is the share of the more frequent way": 1 - rarer.mean(),
             "that is the share that goes left": share.mean(),
-            "that is the smallest fork: take the mean over forks": torch.minimum(
-                share, 1 - share
-            ).min(),
+            "that is the smallest fork: take the mean over forks": rarer.min(),
         }
-        yield Case((left,), float(right), {hint: float(value) for hint, value in wrong.items()})
+        yield Case((left,), rarer.mean(), wrong)
