@@ -33,23 +33,24 @@ def animate(paths: Mapping[str, Numbers], c: Numbers = None, *, limit: float) ->
     times, n, _ = next(iter(arrays.values())).shape
     colors = condition_colors(c, n)
     figure, axes = panels(len(arrays), size=2.5, shared=True)
-    dots = []
     for ax, (name, array) in zip(axes, arrays.items(), strict=True):
-        dots.append(ax.scatter(*array[0].T, s=6, c=colors, alpha=0.8, linewidths=0))
+        ax.scatter(*array[0].T, s=6, c=colors, alpha=0.8, linewidths=0)
         finish_plane(ax, label_of(name), limit)
 
     def draw(frame: int) -> None:
-        for dot, array in zip(dots, arrays.values(), strict=True):
-            dot.set_offsets(array[min(frame, times - 1)])
+        for ax, array in zip(axes, arrays.values(), strict=True):
+            ax.collections[0].set_offsets(array[min(frame, times - 1)])
 
     return animation_of(figure, draw, frames=times + 6)  # the last six frames stand still
 
 
 def animation_of(figure: Figure, draw: Callable[[int], None], *, frames: int) -> FuncAnimation:
     """Animate a figure and close it, so that a notebook does not also show its first frame."""
-    made = FuncAnimation(figure, draw, frames=frames, interval=100, blit=False)
+    for _ in range(4):  # until the layout has settled: else the first frames are cut and jump
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
     plt.close(figure)
-    return made
+    return FuncAnimation(figure, draw, frames=frames, interval=100, blit=False)
 
 
 @dataclass(frozen=True)

@@ -102,8 +102,8 @@ def push_t_animation(episodes: Mapping[str, Numbers], *, every: int, panel: floa
             tee.set_xy(corners(state[2:]))
             disc.center = state[:2]
 
-    longest = max(map(len, arrays.values()))
-    return animation_of(figure, draw, frames=-(-(longest - 1) // every) + 1)
+    # the last frame shows the end of the longest episode
+    return animation_of(figure, draw, frames=1 - (1 - max(map(len, arrays.values()))) // every)
 
 
 def _world(ax: Axes | None, title: str) -> Axes:
