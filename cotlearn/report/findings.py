@@ -120,7 +120,7 @@ class Findings:
         foreseen = 100 - 100 * probes[0].one_step_score / probes[1].one_step_score
         gain, error = self.gain(1)
         kept = "held" if gain > 2 * error else "was refuted" if gain < -2 * error else "is open"
-        first = f"The probe's forecast for {tried.name}, {foreseen:+.1f} %, {kept}"
+        first = f"The sign of the probe's forecast for {tried.name}, {foreseen:+.1f} %, {kept}"
         if kept == "is open":
             least = 200 * error / free.at(1)
             first += f": {len(self.test)} held-out rows show only gains above {least:.1f} %"
