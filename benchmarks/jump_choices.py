@@ -1,7 +1,8 @@
 """Which weights and which share of jumps suit mean velocities in policies?
 
-MeanFlow with the weights of the paper and with squared errors, with and without rows of length 0,
-and shortcut models with two shares of jumps; on independent pairs and on the pairs of "residual".
+MeanFlow with the weights of the paper and with squared errors, with many, few and no rows of length
+0, with its times and with uniform ones, and shortcut models with two shares of jumps; on
+independent pairs and on those of "residual".
 Each is trained with a third of the steps of `cotlearn bench` and one seed, and judged on held-out
 demonstrations (energy score); exploration starts are run beside it, and choose nothing. The
 defaults of `cotlearn.policies.methods` follow from this table.
@@ -31,12 +32,16 @@ from cotlearn.robots.registry import find_task
 
 LOSSES: dict[str, Any] = {
     "MeanFlow": MeanFlow(),
+    "MeanFlow, 1 in 4 instants": MeanFlow(share_instant=0.25),
+    "MeanFlow, no instants": MeanFlow(share_instant=0.0),
     "MeanFlow, squared errors": MeanFlow(power=0.0),
     "MeanFlow, squared errors, no instants": MeanFlow(share_instant=0.0, power=0.0),
+    "MeanFlow, uniform times": MeanFlow(uniform=True),
+    "MeanFlow, uniform times, 1 in 4 instants": MeanFlow(share_instant=0.25, uniform=True),
     "shortcut, 1 in 8": Shortcut(share=0.125),
     "shortcut, 1 in 4": Shortcut(share=0.25),
 }
-COST = {"shortcut, 1 in 4": 1 + 0.25 * 2 / 3}  #: where it is not that of the method
+COST = {"shortcut, 1 in 8": 1 + 0.125 * 2 / 3}  #: where it is not that of the method
 NFES, ROLLOUTS = (1, 2), 100
 
 

@@ -146,12 +146,25 @@ WAYS = {
         MeanFlow(share_instant=0.0), 4 / 3, MeanVelocity, by_jumps, columns=1
     ),
     "MeanFlow, squared errors": Way(MeanFlow(power=0.0), 4 / 3, MeanVelocity, by_jumps, columns=1),
+    "MeanFlow, uniform times": Way(
+        MeanFlow(uniform=True), 4 / 3, MeanVelocity, by_jumps, columns=1
+    ),
+    "MeanFlow, uniform times, squared errors": Way(
+        MeanFlow(power=0.0, uniform=True), 4 / 3, MeanVelocity, by_jumps, columns=1
+    ),
     "alpha-flow": Way(AlphaFlow(int(STEPS * 3 / 4)), 4 / 3, MeanVelocity, by_jumps, columns=1),
     "alpha-flow, few instants": Way(
         AlphaFlow(int(STEPS * 3 / 4), share_instant=0.25), 4 / 3, MeanVelocity, by_jumps, columns=1
     ),
     "alpha-flow, squared errors": Way(
         AlphaFlow(int(STEPS * 3 / 4), power=0.0), 4 / 3, MeanVelocity, by_jumps, columns=1
+    ),
+    "alpha-flow, uniform times, squared errors": Way(
+        AlphaFlow(int(STEPS * 3 / 4), power=0.0, uniform=True),
+        4 / 3,
+        MeanVelocity,
+        by_jumps,
+        columns=1,
     ),
     "shortcut model": Way(
         Shortcut(share=0.25), 1 + 0.25 * 2 / 3, MeanVelocity, by_jumps, columns=1

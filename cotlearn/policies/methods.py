@@ -152,12 +152,19 @@ RESIDUAL: dict[str, Any] = {
 MEAN_FLOW = Method(
     "mean_flow",
     "mean velocities by a forward-mode product (MeanFlow)",
-    loss=lambda options: MeanFlow(),
+    loss=lambda options: MeanFlow(uniform=True),
     sampler=lambda options, clip: samplers.JumpSampler(),
     predictions=("velocity",),
     network=MeanVelocity,
     columns=1,
     cost=4 / 3,
+)
+SHORTCUT = replace(
+    MEAN_FLOW,
+    name="shortcut",
+    description="shortcut model: a jump equals two of half its length",
+    loss=lambda options: Shortcut(share=0.25),
+    cost=7 / 6,
 )
 DIFFUSION = Method(
     "diffusion",
@@ -176,11 +183,7 @@ def _on_residuals(method: Method) -> Method:
 
 _ROWS = (
     Method("independent", "flow matching, independent pairs"),
-    Method(
-        "minibatch_ot",
-        "flow matching, naive minibatch OT",
-        coupling=lambda *_: couplings.MinibatchOT(),
-    ),
+    Method("minibatch_ot", "naive minibatch OT", coupling=lambda *_: couplings.MinibatchOT()),
     Method(
         "conditional_ot",
         "flow matching, COT with a condition weight",
@@ -224,13 +227,8 @@ _ROWS = (
     ),
     MEAN_FLOW,
     _on_residuals(MEAN_FLOW),
-    replace(
-        MEAN_FLOW,
-        name="shortcut",
-        description="shortcut model: a jump equals two of half its length",
-        loss=lambda options: Shortcut(share=0.125),
-        cost=13 / 12,
-    ),
+    SHORTCUT,
+    _on_residuals(SHORTCUT),
     Method(
         "two_passes",
         "regression that refines its answer once (MIP)",

@@ -51,17 +51,20 @@ class MeanFlow:
     Along a path, u = v + (r - t) du/dt. The derivative on the right is a forward-mode product of
     the network with the tangent (1, v, -1) of (t, x, r - t), where v = x1 - x0, and the right side
     is a fixed target. Where r = t this is flow matching; without such rows, errors proportional to
-    1 / (r - t) satisfy the identity as well. Both times are logit-normal, and sorted. A row of
+    1 / (r - t) satisfy the identity as well. Both times are drawn alike, and sorted. A row of
     squared error e has the weight 1 / (e + 0.01)^power.
 
     Args:
         share_instant: share of the rows with r = t, in [0, 1].
         power: 1, as in the paper for images; 0 for squared errors. Only with 0 is the best answer
             the mean: in few dimensions, where several answers are far apart, 1 prefers one of them.
+        uniform: whether times are uniform in [0, 1], or logit-normal, as in the paper for images.
+            Those hardly ever ask for the jump of a single evaluation, from 0 to 1.
     """
 
     share_instant: float = 0.75
     power: float = 1.0
+    uniform: bool = False
 
     def __post_init__(self) -> None:
         check_share(self.share_instant, "share_instant")
@@ -73,7 +76,7 @@ class MeanFlow:
         Raises:
             TypeError: the network has a layer without forward-mode differentiation.
         """
-        t, length = _starts_and_lengths(pairs, self.share_instant, generator)
+        t, length = _starts_and_lengths(self, pairs, generator)
         x, v = interpolate(pairs.x0, pairs.x1, t), pairs.x1 - pairs.x0
 
         def of(t: Tensor, x: Tensor, length: Tensor) -> Tensor:
@@ -90,13 +93,14 @@ class MeanFlow:
         return errors / (errors.detach() + SOFTENING) ** self.power
 
 
-def _starts_and_lengths(
-    pairs: Pairs, share_instant: float, generator: torch.Generator
-) -> tuple[Tensor, Tensor]:
-    """Sorted logit-normal times t and r of each row as t and r - t, a share of them with r = t."""
-    times = (torch.randn(2, len(pairs), generator=generator).to(pairs.x0) + LOCATION).sigmoid()
+def _starts_and_lengths(loss: Any, pairs: Pairs, rng: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Sorted times t and r of each row as t and r - t, a share of them with r = t."""
+    draw = torch.rand if loss.uniform else torch.randn
+    times = draw(2, len(pairs), generator=rng).to(pairs.x0)
+    if not loss.uniform:
+        times = (times + LOCATION).sigmoid()
     t, r = times.amin(dim=0), times.amax(dim=0)
-    instant = torch.rand(len(pairs), generator=generator).to(pairs.x0) < share_instant
+    instant = torch.rand(len(pairs), generator=rng).to(pairs.x0) < loss.share_instant
     return t, (r - t).masked_fill(instant, 0.0)
 
 
@@ -108,17 +112,16 @@ class AlphaFlow:
     The target a v + (1 - a) u(x_s, s, r), with s = t + a (r - t), is fixed. With a = 1 this is flow
     matching at all lengths; as a falls to 0, the gradient of the error divided by a becomes that
     of `MeanFlow`, without a forward-mode product. In `fit`, a falls from 1 to 0.005 by a sigmoid.
-    Times and weights are those of `MeanFlow`.
 
     Args:
         steps: in which a falls: those of the training.
-        share_instant: share of the rows with r = t, in [0, 1].
-        power: of the weights.
+        share_instant, power, uniform: as in `MeanFlow`.
     """
 
     steps: int
     share_instant: float = 0.75
     power: float = 1.0
+    uniform: bool = False
     _step: int = field(default=0, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -137,7 +140,7 @@ class AlphaFlow:
     def __call__(self, network: MeanVelocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
         """The weighted squared error of each row, (B,)."""
         a = self.share_straight
-        t, length = _starts_and_lengths(pairs, self.share_instant, generator)
+        t, length = _starts_and_lengths(self, pairs, generator)
         x, v = interpolate(pairs.x0, pairs.x1, t), pairs.x1 - pairs.x0
         with torch.no_grad():
             later = x + (a * length)[:, None] * v
