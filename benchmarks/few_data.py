@@ -11,6 +11,7 @@ The pairs of `cotlearn bench push-t-human` beside others that should skew less w
   both normal with variance 1, the second about a regression of the noise on the condition;
 - `reflow_inverted`: each chunk with the noise from which a trained flow would make it; with
   `inverted_folds` the flow never saw the chunk's episode;
+- `apart`: pairs of `residual`, each assignment among windows of different episodes only;
 - `coarse`, `fine`: strata of 64 and of 2,048 clusters.
 
 And with independent pairs the choices that were right for planned demonstrations, each changed
@@ -23,7 +24,7 @@ chunks, in pixels, and by the skew of its pairs.
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -32,9 +33,17 @@ from typing import Any
 import numpy as np
 import torch
 from cells import opened
+from numpy.typing import NDArray
 from torch import Tensor
 
-from cotlearn.couplings import Coupling, FixedPairs, Independent, Transformed, centred
+from cotlearn.couplings import (
+    Coupling,
+    FixedPairs,
+    Independent,
+    StratifiedOT,
+    Transformed,
+    centred,
+)
 from cotlearn.couplings.base import Match, generator_for
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import linear_skew, prior_skew
@@ -74,6 +83,21 @@ class Mixed(Transformed):
         some = np.flatnonzero(rng.random(len(source)) < self.share)
         source[some] = source[rng.permutation(some)]
         return match._replace(source_index=source)
+
+
+@dataclass(repr=False)
+class Apart(StratifiedOT):
+    """Assigns noise, within a stratum, among windows of different episodes only."""
+
+    episode: Any = None  #: of each window, (n,)
+
+    def _solves(self, label: NDArray[Any], rng: np.random.Generator) -> Iterator[NDArray[Any]]:
+        """The first window of each episode in a stratum, the second of each, and so on."""
+        for rows in super()._solves(label, rng):
+            order = np.argsort(self.episode[rows], kind="stable")
+            by_episode = self.episode[rows][order]
+            rank = np.arange(len(rows)) - np.searchsorted(by_episode, by_episode)
+            yield from (rows[order][rank == k] for k in range(rank.max() + 1))
 
 
 @dataclass(repr=False)
@@ -173,6 +197,11 @@ def mixed(run: Run, episode: Tensor, *, share: float) -> None:
     run.coupling = Mixed(run.coupling, share=share)
 
 
+def apart(run: Run, episode: Tensor) -> None:
+    """Pair windows with noise that only windows of other episodes could have had."""
+    run.coupling = Apart(run.options.clusters, residual=True, episode=episode.numpy())
+
+
 def weighted(run: Run, episode: Tensor) -> None:
     """Weigh pairs by a regression of their noise on the condition."""
     stream = run.coupling.stream(
@@ -223,6 +252,7 @@ ROWS: dict[str, tuple[str, Callable[..., None] | None, dict[str, Any]]] = {
     "centred_scale": ("stratified", partial(folds, scale=True), {}),
     "mixed_25": ("residual", partial(mixed, share=0.25), {}),
     "mixed_50": ("residual", partial(mixed, share=0.5), {}),
+    "apart": ("residual", apart, {}),
     "weighted": ("residual", weighted, {}),
     "reflow_inverted": ("reflow_inverted", None, {}),
     "inverted_folds": ("independent", inverted_folds, {}),

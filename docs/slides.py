@@ -25,7 +25,7 @@ from cotlearn.assets import all_notebooks, find_notebook
 
 OUT = Path(__file__).resolve().parents[1] / "build" / "slides"
 NO_ALT = "No description has been provided for this image"  #: nbconvert's words
-SCREEN = 19.5  #: lines of text that fit on a slide
+SCREEN = 18.3  #: lines of text that fit on a slide
 WIDTH = 84  #: characters of a line
 CODE, PRINTED = 0.75, 1.1  #: heights of a line of code and of an output, in lines of text
 TITLE, HEADING = 8.0, 2.5

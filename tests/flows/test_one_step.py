@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import pytest
 import torch
@@ -58,7 +59,7 @@ def late(share):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5])
-@pytest.mark.parametrize("kind", [MeanFlow, late])
+@pytest.mark.parametrize("kind", [MeanFlow, partial(MeanFlow, uniform=True), late])
 def test_the_mean_velocity_of_a_gaussian_minimises_the_loss_of_mean_flows(monkeypatch, kind, share):
     monkeypatch.setattr(MODULE + "mean_velocity.SOFTENING", 1e6)  # equal weights
     loss, pairs = kind(share), gaussian_pairs(100_000)
@@ -108,6 +109,20 @@ def test_without_jumps_both_are_flow_matching_at_length_zero():
     Shortcut(share=0.0)(network, pairs, seeded())
     MeanFlow(1.0)(network, pairs, seeded())
     assert all((length == 0).all() for length in seen)
+
+
+@pytest.mark.parametrize("kind", [MeanFlow, partial(AlphaFlow, 9)])
+def test_uniform_times_ask_for_jumps_over_nearly_all_of_the_path(kind):
+    pairs, long = gaussian_pairs(100_000), {}
+
+    def network(t, x, c, length):
+        long[uniform] = float((length > 0.9).double().mean())
+        return torch.zeros_like(x)
+
+    for uniform in (True, False):
+        kind(share_instant=0.0, uniform=uniform)(network, pairs, seeded())
+    assert long[True] == pytest.approx(0.1**2, rel=0.1)  # both times within a tenth of the ends
+    assert long[False] < 0.001
 
 
 @pytest.mark.parametrize("loss", [MeanFlow(), AlphaFlow(100), Shortcut(0.25)])
