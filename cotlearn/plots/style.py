@@ -41,6 +41,7 @@ LOOKS = {
     "mean_flow": Look("MeanFlow", "#44AA99", ">", (0, (4, 1))),
     "mean_flow_residual": Look("MeanFlow, residual pairs", "#999933", "1", (0, (8, 2))),
     "shortcut": Look("shortcut model", "#6699CC", "2", (0, (4, 1, 1, 1))),
+    "shortcut_residual": Look("shortcut model, residual pairs", "#225588", "4", (0, (1, 3))),
     "two_passes": Look("two passes (MIP)", "#444444", "3", (0, (2, 2))),
     "diffusion": Look("diffusion", "#332288", "h", (0, (6, 1, 1, 1))),
     "diffusion_residual": Look("diffusion, residual pairs", "#AA4499", "8", (0, (6, 2))),

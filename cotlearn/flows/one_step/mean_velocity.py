@@ -6,7 +6,7 @@ the flow that passes x at t.
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
@@ -84,11 +84,10 @@ class MeanFlow:
 
         one = torch.ones_like(t)
         try:
-            both: Any = torch.func.jvp(of, (t, x, length), (one, v, -one))
+            u, change = cast(Any, torch.func.jvp(of, (t, x, length), (one, v, -one)))
         except (NotImplementedError, RuntimeError) as error:
             wanted = "network must allow forward-mode differentiation (torch.func.jvp)"
             raise TypeError(f"{wanted}: {error}") from error
-        u, change = both
         errors = squared_error(u, (v + length[:, None] * change).detach())
         return errors / (errors.detach() + SOFTENING) ** self.power
 
