@@ -10,8 +10,8 @@ from cotlearn.plots.style import CONDITION_MARKERS, readable
 METHOD_NAMES = {
     *("independent", "minibatch_ot", "conditional_ot", "adaptive", "stratified", "residual"),
     *("centred", "semidiscrete", "aligned", "reflow", "reflow_inverted", "mean_flow"),
-    *("mean_flow_residual", "shortcut", "two_passes", "diffusion", "diffusion_residual"),
-    *("behaviour_cloning", "truth"),
+    *("mean_flow_residual", "shortcut", "shortcut_residual", "two_passes", "diffusion"),
+    *("diffusion_residual", "behaviour_cloning", "truth"),
 }
 
 
