@@ -159,13 +159,6 @@ WAYS = {
     "alpha-flow, squared errors": Way(
         AlphaFlow(int(STEPS * 3 / 4), power=0.0), 4 / 3, MeanVelocity, by_jumps, columns=1
     ),
-    "alpha-flow, uniform times, squared errors": Way(
-        AlphaFlow(int(STEPS * 3 / 4), power=0.0, uniform=True),
-        4 / 3,
-        MeanVelocity,
-        by_jumps,
-        columns=1,
-    ),
     "shortcut model": Way(
         Shortcut(share=0.25), 1 + 0.25 * 2 / 3, MeanVelocity, by_jumps, columns=1
     ),

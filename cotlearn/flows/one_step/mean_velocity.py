@@ -114,13 +114,13 @@ class AlphaFlow:
 
     Args:
         steps: in which a falls: those of the training.
-        share_instant, power, uniform: as in `MeanFlow`.
+        share_instant, power: as in `MeanFlow`; times are logit-normal.
     """
 
     steps: int
     share_instant: float = 0.75
     power: float = 1.0
-    uniform: bool = False
+    uniform = False
     _step: int = field(default=0, init=False, repr=False)
 
     def __post_init__(self) -> None:
