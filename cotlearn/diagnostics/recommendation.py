@@ -122,7 +122,7 @@ def _choose(found: Frontier, spread: BetweenWithin) -> tuple[FrontierPoint, str]
             "Conditions have too few neighbours, the data too little spread within a condition, "
             "or the rows are too few to tell. More data or a coarser condition may change this. "
             "What helps one evaluation without near conditions: to train a second flow on pairs of "
-            "the first (reflow), or a shortcut model."
+            "the first (reflow), or mean velocities (MeanFlow, a shortcut model)."
         )
     reason = facts + (
         f"Use {best.name}: the same network scores {best.one_step_score:.3g}, better by "
