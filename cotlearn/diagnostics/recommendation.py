@@ -76,8 +76,8 @@ def candidates(x1: Tensor, c: Tensor) -> dict[str, Coupling]:
     """The couplings, by name, that `recommend` compares on data x1 (N, d) with conditions c (N, k).
 
     COT's weights are 0.1, 1, 10 and 100 times the ratio of sample to condition variance, at which
-    both terms of the cost are equal (for labels: 0.1 and 1 times). In many dimensions all
-    conditions are about equally far apart, and the small weights are the useful ones.
+    the condition's term of random pairs is twice the sample's (labels: 0.1 and 1 times). In many
+    dimensions all conditions are about equally far apart, and the small weights are useful.
     """
     labels = len(torch.unique(c, dim=0)) <= LABELS_UP_TO
     chosen: dict[str, Coupling] = {"independent": Independent(), "naive OT": MinibatchOT()}
