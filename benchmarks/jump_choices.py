@@ -2,7 +2,8 @@
 
 MeanFlow with the weights of the paper and with squared errors, with many, few and no rows of length
 0, with its times and with uniform ones, and shortcut models with two shares of jumps; on
-independent pairs and on those of "residual".
+independent pairs and on those of "residual". Beside them flow matching, as it is and with the
+weights of MeanFlow: what the weights do without jumps.
 Each is trained with a third of the steps of `cotlearn bench` and one seed, and judged on held-out
 demonstrations (energy score); exploration starts are run beside it, and choose nothing. The
 defaults of `cotlearn.policies.methods` follow from this table.
@@ -17,10 +18,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import torch
 from cells import opened
+from torch import Tensor
 
 from cotlearn.assets import find_data
+from cotlearn.couplings.base import Pairs
+from cotlearn.flows.matching import FlowMatching
 from cotlearn.flows.one_step import MeanFlow, Shortcut
+from cotlearn.flows.one_step.mean_velocity import SOFTENING
 from cotlearn.policies.comparison.choice import with_choice
 from cotlearn.policies.comparison.scores import held_out_score
 from cotlearn.policies.methods import METHODS
@@ -30,7 +36,16 @@ from cotlearn.policies.training import train
 from cotlearn.robots.episodes import read, split
 from cotlearn.robots.registry import find_task
 
+
+def weighted(network: Any, pairs: Pairs, generator: torch.Generator) -> Tensor:
+    """Flow matching with the weights of MeanFlow: large errors count less."""
+    errors = FlowMatching(share_at_t0=0.3)(network, pairs, generator)
+    return errors / (errors.detach() + SOFTENING)
+
+
 LOSSES: dict[str, Any] = {
+    "flow matching": FlowMatching(share_at_t0=0.3),
+    "flow matching, MeanFlow's weights": weighted,
     "MeanFlow": MeanFlow(),
     "MeanFlow, 1 in 4 instants": MeanFlow(share_instant=0.25),
     "MeanFlow, no instants": MeanFlow(share_instant=0.0),
@@ -42,7 +57,7 @@ LOSSES: dict[str, Any] = {
     "shortcut, 1 in 4": Shortcut(share=0.25),
 }
 COST = {"shortcut, 1 in 8": 1 + 0.125 * 2 / 3}  #: where it is not that of the method
-NFES, ROLLOUTS = (1, 2), 100
+SAMPLERS, ROLLOUTS = ("jump-1", "jump-2", "euler-1", "euler-2", "euler-16"), 100
 
 
 def main() -> None:
@@ -59,7 +74,8 @@ def main() -> None:
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
         loss, pairs = key.values()
-        method = METHODS["shortcut" if loss.startswith("shortcut") else "mean_flow"]
+        kinds = {"shortcut": "shortcut", "MeanFlow": "mean_flow", "flow": "independent"}
+        method = METHODS[next(kinds[kind] for kind in kinds if loss.startswith(kind))]
         paired = METHODS[pairs]
         method = replace(
             method,
@@ -74,7 +90,7 @@ def main() -> None:
         data = trained.policy.windows.dataset(held, label=options.label)
         found = {}
         for sampler in trained.policy.sampler.variants:
-            if sampler.nfe in NFES:
+            if sampler.name in SAMPLERS:
                 policy = trained.policy.with_sampler(sampler)
                 score = round(held_out_score(policy, data), 4)
                 done = rollout(policy, episodes=ROLLOUTS).summary()
