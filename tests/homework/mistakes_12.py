@@ -52,6 +52,12 @@ def surest(scores, flagged):
     return name if sure[name] > 2 else "independent"
 
 
+def or_equal(scores, flagged):
+    name = best(scores, flagged)
+    gain = scores["independent"] - scores[name]
+    return name if gain.mean() >= 2 * gain.std() / np.sqrt(len(gain)) else "independent"
+
+
 right = decide_by(2)
 
 
@@ -62,6 +68,7 @@ def flags_last(scores, flagged):
 MISTAKES = [
     *[("12.decide", decide_by(k), "not by two") for k in (0, 1, 1.645)],
     *[("12.decide", decide_by(k), "ahead by 2.2") for k in (2.58, 3)],
+    ("12.decide", or_equal, "not by two"),
     ("12.decide", decide_by(10), "std / sqrt(n)"),  # the square root of n forgotten
     ("12.decide", flags_last, "without a flag"),
     ("12.decide", first_ahead, "strata is better still"),
