@@ -149,6 +149,8 @@ RESIDUAL: dict[str, Any] = {
     "open_option": "clusters",
     "pictures": lambda options: options.clusters,
 }
+#: Uniform times, and jumps on a quarter of the rows of a shortcut model: held-out demonstrations of
+#: the arm prefer them (data/results/jump_choices_arm_ring.json, jump_choices_arm_avoid.json).
 MEAN_FLOW = Method(
     "mean_flow",
     "mean velocities by a forward-mode product (MeanFlow)",
