@@ -144,13 +144,13 @@ def main() -> None:
     setting = SETTINGS["push-t-human"]
     training, _ = split(read(asked.data), held_out=setting.held_out)
     training = mirrored(training)
-    epochs = 50 * len(setting.options.windows(training).dataset(training)) // BATCH
+    fifty_epochs = 50 * len(setting.options.windows(training).dataset(training)) // BATCH
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
         name, longer, own = {**RECIPES, PUBLISHED: LONGER, PATIENT: LONGER}[key["recipe"]]
         size, steps = max(BATCH, key["size"]), longer * asked.steps
         options = replace(setting.options, steps=steps, ot_batch_size=size, **own)
-        warm_up = epochs if key["recipe"] == PATIENT else WARM_UP
+        warm_up = fifty_epochs if key["recipe"] == PATIENT else WARM_UP
         blind = Blind(size=key["size"], warm_up=warm_up)
         method = replace(METHODS[name], coupling=lambda *_: blind)
         trained = train(method, training, seed=key["seed"], options=options)

@@ -3,10 +3,10 @@
 MeanFlow with the weights of the paper and with squared errors, with many, few and no rows of length
 0, with its times and with uniform ones, and shortcut models with two shares of jumps; on
 independent pairs and on those of "residual". Beside them flow matching, as it is and with the
-weights of MeanFlow: what the weights do without jumps.
-Each is trained with a third of the steps of `cotlearn bench` and one seed, and judged on held-out
-demonstrations (energy score); exploration starts are run beside it, and choose nothing. The
-defaults of `cotlearn.policies.methods` follow from this table.
+weights of MeanFlow: what the weights do without jumps. Each is trained with a third of the steps of
+`cotlearn bench` and one seed, and judged on held-out demonstrations (energy score); exploration
+starts are run beside it, and choose nothing. The defaults of `cotlearn.policies.methods` follow
+from this table.
 
     python benchmarks/jump_choices.py arm-ring
 
@@ -15,7 +15,6 @@ writes data/results/jump_choices_arm_ring.json. An interrupted run goes on.
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -64,12 +63,11 @@ def main() -> None:
     """Fills the table of a task."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("task", choices=SETTINGS)
-    parser.add_argument("--data", type=Path, help="demonstrations, if they are not the task's own")
     parser.add_argument("--cells", help="numbers with commas between; all without it")
     asked = parser.parse_known_args()[0]
     setting = SETTINGS[asked.task]
     options = replace(setting.options, steps=setting.options.steps // 3)
-    episodes = read(asked.data or find_data(find_task(setting.task).demonstrations))
+    episodes = read(find_data(find_task(setting.task).demonstrations))
     training, held = split(episodes, held_out=setting.held_out)
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
