@@ -17,15 +17,11 @@ import argparse
 from dataclasses import replace
 from typing import Any
 
-import torch
 from cells import opened
-from torch import Tensor
 
 from cotlearn.assets import find_data
-from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import FlowMatching
 from cotlearn.flows.one_step import MeanFlow, Shortcut
-from cotlearn.flows.one_step.mean_velocity import SOFTENING
 from cotlearn.policies.comparison.choice import with_choice
 from cotlearn.policies.comparison.scores import held_out_score
 from cotlearn.policies.methods import METHODS
@@ -35,16 +31,9 @@ from cotlearn.policies.training import train
 from cotlearn.robots.episodes import read, split
 from cotlearn.robots.registry import find_task
 
-
-def weighted(network: Any, pairs: Pairs, generator: torch.Generator) -> Tensor:
-    """Flow matching with the weights of MeanFlow: large errors count less."""
-    errors = FlowMatching(share_at_t0=0.3)(network, pairs, generator)
-    return errors / (errors.detach() + SOFTENING)
-
-
 LOSSES: dict[str, Any] = {
     "flow matching": FlowMatching(share_at_t0=0.3),
-    "flow matching, MeanFlow's weights": weighted,
+    "flow matching, MeanFlow's weights": FlowMatching(share_at_t0=0.3, power=1.0),
     "MeanFlow": MeanFlow(),
     "MeanFlow, 1 in 4 instants": MeanFlow(share_instant=0.25),
     "MeanFlow, no instants": MeanFlow(share_instant=0.0),

@@ -127,11 +127,7 @@ class Coupling(WithOptions):
         raise NotImplementedError
 
     def __call__(
-        self,
-        x0: Tensor,
-        x1: Tensor,
-        c: Tensor | None = None,
-        generator: Generator | None = None,
+        self, x0: Tensor, x1: Tensor, c: Tensor | None = None, generator: Generator | None = None
     ) -> Pairs:
         """Pair a batch.
 

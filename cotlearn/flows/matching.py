@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
-from cotlearn.validation import check_choice, check_function, check_shape, check_share
+from cotlearn.validation import check_choice, check_function, check_number, check_shape, check_share
 
 Time: TypeAlias = Tensor | float  #: the time of all rows, or of each, (B,)
 #: A velocity field: (t, x, c) -> (B, d), with t a number or of shape (B,).
@@ -16,6 +16,7 @@ Velocity: TypeAlias = Callable[[Tensor, Tensor, Tensor | None], Tensor]
 #: A loss: (network, pairs, generator) -> one value per row of the pairs, shape (B,).
 Loss: TypeAlias = Callable[[Any, Pairs, torch.Generator], Tensor]
 PREDICTIONS = ("velocity", "data")  #: what the network of a flow can be trained to predict
+SOFTENING = 0.01  #: added to the squared error in adaptive weights
 
 
 def interpolate(x0: Tensor, x1: Tensor, t: Tensor) -> Tensor:
@@ -53,39 +54,48 @@ def conditional_flow_matching_loss(
     Returns:
         (B,), the squared error of each row, summed over dimensions.
     """
-    return _loss_at(network, pairs, uniform_times(pairs, generator), "velocity")
+    return FlowMatching()(network, pairs, generator)
 
 
 @dataclass(frozen=True)
 class FlowMatching:
-    """Conditional flow matching with extra weight on t = 0, or with the data as the target.
+    """Conditional flow matching with more rows at t = 0, another target, or adaptive weights.
 
     A network that predicts the data is trained on |network(t, x_t, c) - x1|^2. It represents the
     velocity field (network - x_t) / (1 - t), whose squared error this loss weighs by (1 - t)^2.
+
+    With a power, a row of squared error e has the weight 1 / (e + 0.01)^power (Geng 2505.13447,
+    section 4.3, where it belongs to `MeanFlow`). Rows that are far from their target count less:
+    where a velocity has several likely values, the best answer is no longer their mean, but lies
+    near one of them.
 
     Args:
         share_at_t0: share of the rows, in [0, 1], that are trained at t = 0: one-step sampling
             evaluates the network there alone, and a uniform t hardly ever meets it.
         prediction: "velocity" or "data".
+        power: 0 for squared errors; with 1 the gradient hardly depends on their size.
     """
 
     share_at_t0: float = 0.0
     prediction: str = "velocity"
+    power: float = 0.0
 
     def __post_init__(self) -> None:
         check_share(self.share_at_t0, "share_at_t0")
         check_choice(self.prediction, "prediction", PREDICTIONS)
+        check_number(self.power, "power")
 
     def __call__(
         self, network: Velocity, pairs: Pairs, generator: torch.Generator | None = None
     ) -> Tensor:
-        """The squared error of each row, (B,)."""
-        if self.share_at_t0:
-            drawn = torch.rand(len(pairs), generator=generator).to(pairs.x0.device)
-            t = uniform_times(pairs, generator).masked_fill(drawn < self.share_at_t0, 0.0)
-        else:
-            t = uniform_times(pairs, generator)
-        return _loss_at(network, pairs, t, self.prediction)
+        """The squared error of each row, with its weight, (B,)."""
+        share = self.share_at_t0
+        drawn = torch.rand(len(pairs), generator=generator) if share else torch.ones(len(pairs))
+        early = drawn.to(pairs.x0.device) < share
+        t = uniform_times(pairs, generator).masked_fill(early, 0.0)
+        predicted = network(t, interpolate(pairs.x0, pairs.x1, t), pairs.c)
+        target = pairs.x1 if self.prediction == "data" else pairs.x1 - pairs.x0
+        return squared_error(predicted, target, self.power)
 
 
 def velocity_of(network: Velocity, prediction: str = "velocity") -> Velocity:
@@ -105,15 +115,11 @@ def uniform_times(pairs: Pairs, generator: torch.Generator | None) -> Tensor:
     return torch.rand(len(pairs), generator=generator, dtype=pairs.x0.dtype).to(pairs.x0.device)
 
 
-def _loss_at(network: Velocity, pairs: Pairs, t: Tensor, prediction: str) -> Tensor:
-    predicted = network(t, interpolate(pairs.x0, pairs.x1, t), pairs.c)
-    return squared_error(predicted, pairs.x1 if prediction == "data" else pairs.x1 - pairs.x0)
-
-
-def squared_error(predicted: Tensor, target: Tensor) -> Tensor:
-    """|predicted - target|^2 of each row, (B,)."""
+def squared_error(predicted: Tensor, target: Tensor, power: float = 0.0) -> Tensor:
+    """e = |predicted - target|^2 of each row, (B,), with the fixed weight 1 / (e + 0.01)^power."""
     check_shape(predicted, "network", target.shape, "return")
-    return (predicted - target).square().sum(dim=1)
+    errors = (predicted - target).square().sum(dim=1)
+    return errors / (errors.detach() + SOFTENING) ** power if power else errors
 
 
 def weighted_mean(losses: Tensor, pairs: Pairs) -> Tensor:

@@ -38,6 +38,8 @@ LOOKS = {
     "aligned": Look("model-aligned", "#882255", "X", (0, (3, 1, 1, 1, 1, 1))),
     "reflow": Look("reflow", "#999999", "*", (0, (5, 4))),
     "reflow_inverted": Look("reflow on real data", "#661100", "<", (0, (5, 2, 1, 2))),
+    "adaptive_weights": Look("flow, adaptive weights", "#CC6677", "+", (0, (2, 1))),
+    "adaptive_weights_residual": Look("adaptive, residual pairs", "#882222", "x", (0, (7, 2))),
     "mean_flow": Look("MeanFlow", "#44AA99", ">", (0, (4, 1))),
     "mean_flow_residual": Look("MeanFlow, residual pairs", "#999933", "1", (0, (8, 2))),
     "shortcut": Look("shortcut model", "#6699CC", "2", (0, (4, 1, 1, 1))),

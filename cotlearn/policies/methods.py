@@ -149,6 +149,11 @@ RESIDUAL: dict[str, Any] = {
     "open_option": "clusters",
     "pictures": lambda options: options.clusters,
 }
+ADAPTIVE = Method(
+    "adaptive_weights",
+    "flow matching with the weights of mean flows: large errors count less",
+    loss=lambda o: FlowMatching(o.share_at_t0, o.prediction, power=1.0),
+)
 #: Uniform times, and jumps on a quarter of the rows of a shortcut model: held-out demonstrations of
 #: the arm prefer them (data/results/jump_choices_arm_ring.json, jump_choices_arm_avoid.json).
 MEAN_FLOW = Method(
@@ -227,10 +232,7 @@ _ROWS = (
         predictions=("velocity",),
         prepare=functools.partial(_distil, inverted=True),
     ),
-    MEAN_FLOW,
-    _on_residuals(MEAN_FLOW),
-    SHORTCUT,
-    _on_residuals(SHORTCUT),
+    *(row for method in (ADAPTIVE, MEAN_FLOW, SHORTCUT) for row in (method, _on_residuals(method))),
     Method(
         "two_passes",
         "regression that refines its answer once (MIP)",

@@ -140,6 +140,28 @@ def test_its_loss_weighs_the_error_of_the_velocity_by_the_time_that_is_left():
     plain = conditional_flow_matching_loss(velocity, batch, seeded(1))
     weighed = FlowMatching(prediction="data")(data, batch, seeded(1))
     assert torch.allclose(weighed, plain * (1 - times[0]) ** 2, rtol=1e-3, atol=1e-5)
-    assert torch.equal(FlowMatching()(velocity, batch, seeded(1)), plain)
     with pytest.raises(ValueError, match="prediction must be one of velocity, data; got 'x1'"):
         FlowMatching(prediction="x1")
+
+
+def test_adaptive_weights_descend_the_logarithm_of_the_squared_error():
+    """With power 1 the gradient is that of log(e + 0.01), whose least value is near one answer."""
+    answer = torch.tensor([[0.0]] * 7 + [[4.0]] * 3, dtype=torch.float64)
+    index = torch.arange(10)
+    batch = Pairs(torch.zeros_like(answer), answer, None, index, index)
+    said = torch.linspace(-1, 5, 601, dtype=torch.float64, requires_grad=True)
+
+    def slopes(power):
+        loss = FlowMatching(1.0, power=power)
+
+        def at(m):
+            return loss(lambda t, x, c: m.expand_as(x), batch, seeded(0)).sum()
+
+        return torch.autograd.grad(sum(at(m) for m in said), said)[0]
+
+    objective = ((answer - said).square() + 0.01).log().sum(dim=0)
+    assert torch.allclose(slopes(1.0), torch.autograd.grad(objective.sum(), said)[0])
+    assert abs(float(said[objective.argmin()].detach())) < 0.02  # the more frequent answer
+    assert float(said[slopes(0.0).abs().argmin()].detach()) == pytest.approx(1.2)  # the mean
+    with pytest.raises(TypeError, match="power must be a number, got 'big'"):
+        FlowMatching(power="big")

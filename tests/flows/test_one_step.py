@@ -61,13 +61,13 @@ def late(share):
 @pytest.mark.parametrize("share", [0.0, 0.5])
 @pytest.mark.parametrize("kind", [MeanFlow, partial(MeanFlow, uniform=True), late])
 def test_the_mean_velocity_of_a_gaussian_minimises_the_loss_of_mean_flows(monkeypatch, kind, share):
-    monkeypatch.setattr(MODULE + "mean_velocity.SOFTENING", 1e6)  # equal weights
+    monkeypatch.setattr("cotlearn.flows.matching.SOFTENING", 1e6)  # equal weights
     loss, pairs = kind(share), gaussian_pairs(100_000)
     assert abs(slope(loss, 0.0, pairs)) < 0.05 < 0.3 < slope(loss, 0.3, pairs)
 
 
 def test_alpha_flow_goes_from_flow_matching_to_mean_flows(monkeypatch):
-    monkeypatch.setattr(MODULE + "mean_velocity.SOFTENING", 1e6)
+    monkeypatch.setattr("cotlearn.flows.matching.SOFTENING", 1e6)
     pairs, loss = gaussian_pairs(500), AlphaFlow(10, 0.0)
     shares = []
     for step in range(11):

@@ -17,7 +17,6 @@ from cotlearn.validation import check_count, check_inputs, check_number, check_s
 
 #: Of log(t / (1 - t)), which has deviation 1. (The paper's -0.4 counts time from the data.)
 LOCATION = 0.4
-SOFTENING = 0.01  #: added to the squared error in the weights of mean flows
 STEEPNESS, LEAST_STRAIGHT = 25.0, 0.005  #: of the sigmoid of alpha-flow, and where it ends
 LEVELS = 7  #: of shortcuts, from 1 down to 1/64
 
@@ -88,8 +87,7 @@ class MeanFlow:
         except (NotImplementedError, RuntimeError) as error:
             wanted = "network must allow forward-mode differentiation (torch.func.jvp)"
             raise TypeError(f"{wanted}: {error}") from error
-        errors = squared_error(u, (v + length[:, None] * change).detach())
-        return errors / (errors.detach() + SOFTENING) ** self.power
+        return squared_error(u, (v + length[:, None] * change).detach(), self.power)
 
 
 def _starts_and_lengths(loss: Any, pairs: Pairs, rng: torch.Generator) -> tuple[Tensor, Tensor]:
@@ -146,9 +144,8 @@ class AlphaFlow:
             rest = network(t + a * length, later, pairs.c, (1 - a) * length)
             straight = torch.where(length > 0, a, 1.0)[:, None]
             target = straight * v + (1 - straight) * rest
-        errors = squared_error(network(t, x, pairs.c, length), target)
-        share = straight[:, 0]
-        return errors / share / (errors.detach() / share.square() + SOFTENING) ** self.power
+        u = network(t, x, pairs.c, length)
+        return straight[:, 0] * squared_error(u / straight, target / straight, self.power)
 
 
 @dataclass(frozen=True)
