@@ -1,20 +1,22 @@
 """Which way to few evaluations is best under a condition, at equal cost?
 
 Losses, each on independent pairs and, where it uses the noise, on conditional pairs: flow
-matching, regression, two passes, mean flow (without its instants, and with squared errors in the
-place of the paper's weights), alpha-flow (the same), shortcut, drifting, a learned source; reflow
-on the pairs of a teacher, and on real data with the noise that the teacher's inverse gives; a
-source for each cluster of the data (COT-FM), which changes the prior; and no training at all: a
+matching (also with the weights of mean flows), regression, two passes, mean flow (without its
+instants, and with squared errors in the place of the paper's weights), alpha-flow (the same),
+shortcut, drifting, a learned source; reflow on the pairs of a teacher, and on real data with the
+noise that the teacher's inverse gives; a source for each cluster of the data (COT-FM), which changes the prior; and no training at all: a
 data row of a near condition. Every training costs as much as STEPS of flow matching, counted in
 forward-equivalents (a backward pass is two); who needs a teacher spends half of that on it. The
 score is squared W2 for each condition, averaged.
 
     python benchmarks/one_step.py
     python benchmarks/one_step.py --digits
+    python benchmarks/one_step.py --budgets
 
 writes data/results/one_step.json; with --digits one_step_digits.json, for scikit-learn's digits
 given the label, whose score is the energy distance of each class from its held-out images,
-averaged. An interrupted run goes on.
+averaged; with --budgets one_step_budgets.json, for some ways on two data sets at a quarter, half
+and twice the cost. An interrupted run goes on.
 """
 
 import argparse
@@ -60,6 +62,14 @@ STEPS, ROWS, TEACHER_NFE, DRAWS = 4000, 8192, 16, 4
 SIZES: dict[str, Any] = {"width": 128, "depth": 3}
 BATCH = {"batch_size": 256, "ot_batch_size": 256}
 SEEDS, EVALUATIONS = range(5), (1, 2, 4)
+BUDGETS, BUDGET_SEEDS, BUDGET_DATA = (1000, 2000, 8000), range(3), ("petals", "rotating_pair")
+BUDGET_WAYS = (
+    "flow matching, t = 0",
+    "MeanFlow, uniform times, squared errors",
+    "shortcut model",
+    "drifting",
+    "reflow",
+)
 FLOORS = 20  #: draws of a floor, since one of them varies by a third
 NEIGHBOURS, CLUSTERS, ROUNDS = 128, 8, 2  # as many neighbours as rows in a stratum
 SOURCE = 0.6  #: deviation of COT-FM's noise; its data are divided by it, ours is standard normal
@@ -128,6 +138,7 @@ class Way:
 WAYS = {
     "flow matching": Way(FlowMatching()),
     "flow matching, t = 0": Way(FlowMatching(share_at_t0=0.3)),
+    "flow matching, adaptive weights": Way(FlowMatching(share_at_t0=0.3, power=1.0)),
     "regression": Way(
         regression_loss,
         draw=lambda network, x0, c, nfe: predict(network, x0, c).detach(),
@@ -267,9 +278,9 @@ def clustered(rows: Dataset, seed: int) -> Clustered:
     return source
 
 
-def reflowed(rows: Dataset, pairs: str, seed: int) -> Any:
+def reflowed(rows: Dataset, pairs: str, seed: int, budget: int) -> Any:
     """A student on the pairs of a teacher; the teacher's pairs cost forward passes as well."""
-    teacher = trained_flow(rows, STEPS // 2, Independent(), seed)
+    teacher = trained_flow(rows, budget // 2, Independent(), seed)
     generator = torch.Generator().manual_seed(seed + 77)
     assert rows.c is not None
     x0, x1 = torch.randn(len(rows), rows.dim, generator=generator), rows.x1
@@ -279,12 +290,12 @@ def reflowed(rows: Dataset, pairs: str, seed: int) -> Any:
         x0 = inverted(teacher, rows)
     made = TEACHER_NFE * len(rows) / (3 * BATCH["batch_size"])  # in steps
     data = Dataset(x1, rows.c, name=f"{pairs}, {seed}")
-    return trained_flow(data, int(STEPS // 2 - made), FixedPairs(x0), seed, teacher)
+    return trained_flow(data, int(budget // 2 - made), FixedPairs(x0), seed, teacher)
 
 
 def compute(key: dict[str, Any]) -> dict[str, Any]:
     """One cell: the floor, or a training and its scores."""
-    data, seed = key["data"], key["seed"]
+    data, seed, budget = key["data"], key["seed"], key.get("steps", STEPS)
     rows = rows_of(data, seed)
     if key["way"] == "floor":
         real = rows if data == "digits" else DATA[data]
@@ -294,7 +305,7 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
     started = time.process_time()
     if key["pairs"] in ("independent", "conditional"):
         plain = VelocityMLP(rows.dim, rows.condition_dim + way.columns, seed=seed, **SIZES)
-        steps = int(STEPS / way.cost)
+        steps = int(budget / way.cost)
         options: dict[str, Any] = {**BATCH, "loss": way.loss, "seed": seed, "progress": False}
         coupling = coupling_of(key["pairs"], data)
         network: Any = fit(way.network(plain), rows, coupling, steps=steps, **options).network
@@ -303,7 +314,7 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
     elif key["way"] == "source of a cluster":
         network = clustered(rows, seed)
     else:
-        network = reflowed(rows, key["pairs"], seed)
+        network = reflowed(rows, key["pairs"], seed, budget)
     seconds = time.process_time() - started
 
     def drawn(nfe: int) -> Any:
@@ -321,21 +332,28 @@ def main() -> None:
     """Fills the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--digits", action="store_true", help="in the place of the 2D data")
-    only_digits = parser.parse_known_args()[0].digits
+    parser.add_argument("--budgets", action="store_true", help="other costs of training")
+    asked = parser.parse_known_args()[0]
     protocol = {"steps": STEPS, "rows": ROWS, "teacher_nfe": TEACHER_NFE, "draws": DRAWS}
     protocol |= {"clusters": CLUSTERS, "rounds": ROUNDS, "neighbours": NEIGHBOURS}
     table = opened(
         __doc__ or "",
         {**protocol, **BATCH, **SIZES},
         parser=parser,
-        name="one_step_digits" if only_digits else "",
+        name="one_step_digits" if asked.digits else "one_step_budgets" if asked.budgets else "",
     )
-    names = ("digits",) if only_digits else tuple(DATA)
-    keys = [
+    names = ("digits",) if asked.digits else tuple(DATA)
+    keys: list[dict[str, Any]] = [
         {"data": data, "way": way, "pairs": pairs, "seed": seed}
         for seed, data, way in product(SEEDS, names, ("floor", *WAYS))
         for pairs in (WAYS[way].pairs if way in WAYS else ("",))
     ]
+    if asked.budgets:
+        keys = [
+            {"data": data, "way": way, "pairs": pairs, "seed": seed, "steps": steps}
+            for seed, data, steps, way in product(BUDGET_SEEDS, BUDGET_DATA, BUDGETS, BUDGET_WAYS)
+            for pairs in WAYS[way].pairs
+        ]
     table.fill(keys, compute)
 
 
