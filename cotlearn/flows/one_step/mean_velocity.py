@@ -77,29 +77,17 @@ class MeanFlow:
         """
         t, length = _starts_and_lengths(self, pairs, generator)
         x, v = interpolate(pairs.x0, pairs.x1, t), pairs.x1 - pairs.x0
-        target, jumps = v, length > 0
-        if jumps.any():
-            c = None if pairs.c is None else pairs.c[jumps]
-            change = _slope(network, t[jumps], x[jumps], c, length[jumps], v[jumps])
-            target = v.index_put((jumps,), v[jumps] + length[jumps, None] * change)
-        return squared_error(network(t, x, pairs.c, length), target, self.power)
 
+        def of(t: Tensor, x: Tensor, length: Tensor) -> Tensor:
+            return network(t, x, pairs.c, length)
 
-@torch.no_grad()
-def _slope(
-    network: MeanVelocity, t: Tensor, x: Tensor, c: Tensor | None, length: Tensor, v: Tensor
-) -> Tensor:
-    """The derivative (B, d) of u along a path of velocity v whose end stays."""
-
-    def u(t: Tensor, x: Tensor, length: Tensor) -> Tensor:
-        return network(t, x, c, length)
-
-    one = torch.ones_like(t)
-    try:
-        return cast(Any, torch.func.jvp(u, (t, x, length), (one, v, -one)))[1]
-    except (NotImplementedError, RuntimeError) as error:
-        wanted = "network must allow forward-mode differentiation (torch.func.jvp)"
-        raise TypeError(f"{wanted}: {error}") from error
+        one = torch.ones_like(t)
+        try:
+            u, change = cast(Any, torch.func.jvp(of, (t, x, length), (one, v, -one)))
+        except (NotImplementedError, RuntimeError) as error:
+            wanted = "network must allow forward-mode differentiation (torch.func.jvp)"
+            raise TypeError(f"{wanted}: {error}") from error
+        return squared_error(u, (v + length[:, None] * change).detach(), self.power)
 
 
 def _starts_and_lengths(loss: Any, pairs: Pairs, rng: torch.Generator) -> tuple[Tensor, Tensor]:
