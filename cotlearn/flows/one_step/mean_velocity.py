@@ -6,7 +6,7 @@ the flow that passes x at t.
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -77,17 +77,17 @@ class MeanFlow:
         """
         t, length = _starts_and_lengths(self, pairs, generator)
         x, v = interpolate(pairs.x0, pairs.x1, t), pairs.x1 - pairs.x0
-
-        def of(t: Tensor, x: Tensor, length: Tensor) -> Tensor:
-            return network(t, x, pairs.c, length)
-
-        one = torch.ones_like(t)
+        jumps = length > 0
+        c = None if pairs.c is None else pairs.c[jumps]
+        at, one = (t[jumps], x[jumps], length[jumps]), torch.ones_like(t[jumps])
+        along = one, v[jumps], -one
         try:
-            u, change = cast(Any, torch.func.jvp(of, (t, x, length), (one, v, -one)))
+            with torch.no_grad():  # of the rows that jump, and for the target alone
+                change = torch.func.jvp(lambda t, x, r: network(t, x, c, r), at, along)[1]
         except (NotImplementedError, RuntimeError) as error:
-            wanted = "network must allow forward-mode differentiation (torch.func.jvp)"
-            raise TypeError(f"{wanted}: {error}") from error
-        return squared_error(u, (v + length[:, None] * change).detach(), self.power)
+            raise TypeError(f"network must allow forward-mode derivatives: {error}") from error
+        target = v.index_put((jumps,), v[jumps] + length[jumps, None] * change)
+        return squared_error(network(t, x, pairs.c, length), target, self.power)
 
 
 def _starts_and_lengths(loss: Any, pairs: Pairs, rng: torch.Generator) -> tuple[Tensor, Tensor]:
@@ -167,10 +167,9 @@ class Shortcut:
 
     def __call__(self, network: MeanVelocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
         """The squared error of each row, (B,)."""
-        rows = len(pairs)
-        level = torch.randint(LEVELS, (rows,), generator=generator)
+        level = torch.randint(LEVELS, (len(pairs),), generator=generator)
         long = 0.5 ** level.to(pairs.x0)
-        place, drawn = torch.rand(2, rows, generator=generator).to(pairs.x0).unbind()
+        place, drawn = torch.rand(2, len(pairs), generator=generator).to(pairs.x0).unbind()
         jumps = drawn < self.share
         t = torch.where(jumps, (place / long).floor() * long, place)
         length = long.masked_fill(~jumps, 0.0)
