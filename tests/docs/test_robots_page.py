@@ -1,0 +1,34 @@
+"""The page with every score of the robots says what the stored tables say."""
+
+import re
+from pathlib import Path
+
+from cotlearn.plots import label_of
+from cotlearn.policies.comparison.stored import stored_comparison
+
+PAGE = Path(__file__).resolve().parents[2] / "docs/reference/one_step_on_robots.md"
+
+
+def test_every_row_is_that_of_its_table():
+    parts = re.split(r"\n## ", PAGE.read_text("utf-8"))
+    parts = [part for part in parts if "`data/results/" in part and "| method |" in part]
+    assert len(parts) == 5
+    for part in parts:
+        expected = []
+        for name in re.findall(r"(\w+)\.json", part):
+            table = stored_comparison(name)
+            for method in table.methods:
+                row = table.at(method, 1) or table.at(method, 2)
+                success = row.get("success", row.get("success_95"))
+                scores = f"{success:.3f}".removeprefix("0"), f"{row['energy_score']:.2f}"
+                expected.append((label_of(method), str(len(row["seeds"])), *scores))
+        listed = []
+        for line in part.splitlines():
+            label, _, seeds, *found = [cell.strip() for cell in line.strip("|").split("|")] + [
+                ""
+            ] * 9
+            if seeds.isdigit():
+                success = next(value for value in found if value).split(" ")[0]
+                energy = next(value for value in found[::-1] if re.fullmatch(r"\d+\.\d\d", value))
+                listed.append((label, seeds, success, energy))
+        assert listed == expected
