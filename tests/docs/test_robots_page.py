@@ -1,12 +1,14 @@
 """The page with every score of the robots says what the stored tables say."""
 
+import json
 import re
 from pathlib import Path
 
 from cotlearn.plots import label_of
 from cotlearn.policies.comparison.stored import stored_comparison
 
-PAGE = Path(__file__).resolve().parents[2] / "docs/reference/one_step_on_robots.md"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs/reference/one_step_on_robots.md"
 
 
 def test_every_row_is_that_of_its_table():
@@ -32,3 +34,10 @@ def test_every_row_is_that_of_its_table():
                 energy = next(value for value in found[::-1] if re.fullmatch(r"\d+\.\d\d", value))
                 listed.append((label, seeds, success, energy))
         assert listed == expected
+
+
+def test_the_costs_of_a_step_are_those_of_the_file():
+    cells = json.loads((ROOT / "data/results/step_costs.json").read_text("utf-8"))["cells"]
+    for loss, counted in cells[0]["counted"].items():
+        values = (counted, *(cell["measured"][loss] for cell in cells))
+        assert f"| {loss} | {' | '.join(f'{v:.2f}' for v in values)} |" in PAGE.read_text("utf-8")
