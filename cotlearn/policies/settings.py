@@ -55,8 +55,7 @@ _PUSH = Options(frame="body", prediction="data")
 #: People's demonstrations of Push-T: few, and labelled with what was done. Held-out chunks prefer
 #: velocity here (data/results/few_data.json); nothing is chosen by rollouts, so no temperature.
 _HUMAN = replace(_PUSH, prediction="velocity", label="action", clusters=512, steps=8000)
-#: With a camera and smaller batches: a gradient step takes twice as long, and so do rollouts: no
-#: temperature is tried.
+#: With a camera and smaller batches: a gradient step takes twice as long, and so do rollouts.
 _CAMERA = Options(
     frame="agent",
     steps=6000,
@@ -72,7 +71,7 @@ _MAIN = ("independent", "conditional_ot", "stratified", "residual", "minibatch_o
 SETTINGS = {
     "push-t": Setting("push-t", _PUSH),
     "push-t-human": Setting("push-t", _HUMAN, held_out=30, shipped=False, temperatures=()),
-    "push-t-pixels": Setting("push-t", _CAMERA, _MAIN, temperatures=()),
+    "push-t-pixels": Setting("push-t", _CAMERA, _MAIN),
     "arm-ring": Setting("arm-ring", _WHOLE),
     "arm-ring-receding": Setting("arm-ring", _RECEDING),
     "arm-avoid": Setting("arm-avoid", _ROWS),
