@@ -118,7 +118,7 @@ def main() -> None:
     table = opened(__doc__ or "", PROTOCOL)
     names = ("task", "method", "predicts")
     keys = [dict(zip(names, cell, strict=True)) for cell in CELLS]
-    table.fill([{**key, "seed": seed} for seed in range(3) for key in keys], compute)
+    table.fill([{**key, "seed": seed} for key in keys for seed in range(3)], compute)
 
 
 if __name__ == "__main__":

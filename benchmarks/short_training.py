@@ -1,5 +1,6 @@
 """A Push-T policy trained for a while and rolled out, for the benchmarks of single choices."""
 
+from dataclasses import replace
 from typing import Any
 
 from cotlearn.metrics import bootstrap_interval
@@ -9,7 +10,7 @@ from cotlearn.policies.samplers import FlowSampler
 from cotlearn.policies.training import Options, Trained, train
 from cotlearn.robots.episodes import Episodes
 
-SAMPLERS = tuple(FlowSampler(nfe) for nfe in (1, 2, 16))
+EVALUATIONS = (1, 2, 16)
 
 
 def train_and_roll(
@@ -21,22 +22,25 @@ def train_and_roll(
     rollouts: int,
     first_seed: int = EXPLORATION,
 ) -> dict[str, Any]:
-    """Mean best coverage of each sampler with its interval over episodes, and the seconds."""
+    """Coverage and success of each sampler, coverage's interval over episodes, and the seconds."""
     trained = train(method, training, seed=seed, options=options)
     return rolled(trained, rollouts=rollouts, first_seed=first_seed)
 
 
 def rolled(trained: Trained, *, rollouts: int, first_seed: int = EXPLORATION) -> dict[str, Any]:
     """What `train_and_roll` says of a policy that is trained already."""
+    policy = trained.policy
+    assert isinstance(policy.sampler, FlowSampler)
+    seeds = range(first_seed, first_seed + rollouts)
     done = {
-        sampler.name: rollout(
-            trained.policy.with_sampler(sampler), seeds=range(first_seed, first_seed + rollouts)
-        )["coverage"]
-        for sampler in SAMPLERS
+        f"euler-{nfe}": rollout(policy.with_sampler(replace(policy.sampler, nfe=nfe)), seeds=seeds)
+        for nfe in EVALUATIONS
     }
+    coverage = {name: one["coverage"] for name, one in done.items()}
     return {
-        "coverage": {name: float(values.mean()) for name, values in done.items()},
-        "interval": {name: bootstrap_interval(values) for name, values in done.items()},
+        "coverage": {name: float(values.mean()) for name, values in coverage.items()},
+        "interval": {name: bootstrap_interval(values) for name, values in coverage.items()},
+        "success": {name: float(one["success_95"].mean()) for name, one in done.items()},
         "parameters": trained.parameters,
         "training_seconds": trained.seconds,
     }
