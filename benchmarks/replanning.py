@@ -21,7 +21,7 @@ from cotlearn.metrics import bootstrap_interval, wilson_interval
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import REPORTED, rollout
 
-EXECUTE, EVALUATIONS = (8, 4, 2, 1), (1, 2, 16)
+EXECUTE, EVALUATIONS = (8, 4, 2), (1, 2, 16)
 
 
 def main() -> None:
@@ -34,7 +34,7 @@ def main() -> None:
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
         policy = ChunkPolicy.load(files[key["policy"]])
-        wanted = [s for s in policy.sampler.variants if s.nfe == key["nfe"]][0]
+        wanted = next(s for s in policy.sampler.variants if s.nfe == key["nfe"])
         policy = policy.with_sampler(wanted)
         policy.execute = key["execute"]
         done = rollout(policy, seeds=range(REPORTED, REPORTED + asked.episodes), progress=False)
