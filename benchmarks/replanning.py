@@ -1,13 +1,14 @@
 """How many actions of a chunk should be executed before the next one is drawn?
 
 `cotlearn bench` executes eight of sixteen, as Diffusion Policy does. Here trained policies execute
-fewer, from the starts that the tables report. Who executes four draws twice as many chunks, so one
-evaluation costs as much as two did. A policy's file is one of `cotlearn bench` in build/, or one
-that comes with the course.
+more or fewer, from the starts that the tables report. Who executes four draws twice as many chunks,
+so one evaluation costs as much as two did. A policy's file is one of `cotlearn bench` in build/, or
+one that comes with the course.
 
-    python benchmarks/replanning.py build/push_t_pixels_data/*.safetensors
+    python benchmarks/replanning.py build/push_t_pixels_data/*.safetensors \
+        --output data/results/replanning_push_t_pixels.json
 
-writes data/results/replanning.json. An interrupted run goes on.
+fills one table; the others are listed in data/README.md. An interrupted run goes on.
 """
 
 import argparse
@@ -21,7 +22,7 @@ from cotlearn.metrics import bootstrap_interval, wilson_interval
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import REPORTED, rollout
 
-EXECUTE, EVALUATIONS = (8, 4, 2), (1, 2, 16)
+EXECUTE, EVALUATIONS = (12, 8, 4, 2), (1, 2, 16)
 
 
 def main() -> None:
