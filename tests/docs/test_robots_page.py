@@ -41,3 +41,21 @@ def test_the_costs_of_a_step_are_those_of_the_file():
     for loss, counted in cells[0]["counted"].items():
         values = (counted, *(cell["measured"][loss] for cell in cells))
         assert f"| {loss} | {' | '.join(f'{v:.2f}' for v in values)} |" in PAGE.read_text("utf-8")
+
+
+def test_the_table_of_executed_actions_is_that_of_the_files():
+    page = PAGE.read_text("utf-8").split("## Executing fewer actions")[1].split("\n## ")[0]
+    listed = [line.strip("| ").split(" | ") for line in page.splitlines() if line.count("|") == 9]
+    expected = []
+    for name in re.findall(r"replanning_\w+\.json", page):
+        rows = {}
+        for cell in json.loads((ROOT / "data/results" / name).read_text("utf-8"))["cells"]:
+            policy, nfe, execute = cell["key"].values()
+            method = policy.split("/")[1].removeprefix("push_t_").rpartition("-")
+            row = rows.setdefault((method[0] or method[2], nfe), {})
+            row.setdefault(execute, []).append(cell["success"])
+        for (method, nfe), row in rows.items():
+            means = (f"{sum(row[n]) / len(row[n]):.2f}" for n in (12, 8, 4, 2))
+            expected.append([label_of(method), str(len(row[8])), str(nfe), *means])
+    told = [[*row[1:4], *(one.split(" ")[0] for one in row[4:])] for row in listed[2:]]
+    assert sorted(told) == sorted(expected)
