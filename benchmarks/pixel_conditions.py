@@ -51,7 +51,6 @@ CELLS = [
     {"sees": "state", "frame": "T", "method": "residual", "clusters": 16384},
     {"sees": "state", **CHUNK},
     {"sees": "state", **CHUNK, "seed": 1},
-    {"sees": "pixels", **CHUNK},
 ]
 
 
