@@ -1,9 +1,9 @@
 """How many actions of a chunk should be executed before the next one is drawn?
 
 `cotlearn bench` executes eight of sixteen, as Diffusion Policy does. Here trained policies execute
-more or fewer, from the starts that the tables report. Who executes four draws twice as many chunks,
-so one evaluation costs as much as two did. A policy's file is one of `cotlearn bench` in build/, or
-one that comes with the course.
+more or fewer, from the starts that the tables report. Four actions need twice the chunks of eight,
+so one evaluation with four costs as much as two with eight. A policy's file is one of `cotlearn
+bench` in build/, or one that comes with the course.
 
     python benchmarks/replanning.py build/push_t_pixels_data/*.safetensors \
         --output data/results/replanning_push_t_pixels.json
