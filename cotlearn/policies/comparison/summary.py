@@ -84,8 +84,8 @@ def _row(cells: Cells, method: str, sampler: str) -> dict[str, Any]:
         row[f"{name}_of_seeds"] = values.mean(axis=1).round(4).tolist()
         if np.isin(values, (0, 1)).all():
             row[f"{name}_wilson"] = [wilson_interval(int(v.sum()), len(v)) for v in values]
-    if "temperature" in scores[0]:
-        row["temperature_of_seeds"] = [score["temperature"] for score in scores]
+    for name in [name for name in ("execute", "temperature") if name in scores[0]]:
+        row[f"{name}_of_seeds"] = [score[name] for score in scores]
     for name in ("energy_score", "mode_entropy", "latency_ms"):
         each = [score[name] for score in scores]
         row[name], row[f"{name}_of_seeds"] = float(np.mean(each)), each
