@@ -35,7 +35,7 @@ EVALUATIONS = (1, 2, 16)
 #: What is chosen, in this order; the first of equal values wins.
 CHOICES: dict[str, tuple[float, ...]] = {
     "execute": (8, 4, 2, 1),
-    "temperature": (1.0, 0.2, 0.4, 0.6, 0.8),
+    "temperature": (1.0, 0.4, 0.6, 0.8, 1.25),
 }
 
 
