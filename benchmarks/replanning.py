@@ -2,11 +2,11 @@
 
 `cotlearn bench` executes eight of sixteen, as Diffusion Policy does. Here trained policies execute
 more or fewer, from the starts that the tables report. Four actions need twice the chunks of eight,
-so one evaluation with four costs as much as two with eight. A policy's file is one of `cotlearn
-bench` in build/, or one that comes with the course.
+so one evaluation with four costs as much as two with eight. A policy's file is one that
+own_settings.py has trained, or one that comes with the course.
 
-    python benchmarks/replanning.py build/push_t_pixels_data/*.safetensors \
-        --output data/results/replanning_push_t_pixels.json
+    python benchmarks/replanning.py build/own_settings_push_t/independent-0.safetensors \
+        --output data/results/replanning_push_t.json
 
 fills one table; the others are listed in data/README.md. An interrupted run goes on.
 """
