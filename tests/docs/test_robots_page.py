@@ -59,3 +59,16 @@ def test_the_table_of_executed_actions_is_that_of_the_files():
             expected.append([label_of(method), str(len(row[8])), str(nfe), *means])
     told = [[*row[1:4], *(one.split(" ")[0] for one in row[4:])] for row in listed[2:]]
     assert sorted(told) == sorted(expected)
+
+
+def test_the_table_of_own_settings_is_that_of_the_files():
+    page = PAGE.read_text("utf-8").split("## Own settings")[1].split("\n## ")[0]
+    listed = [line.strip("| ").split(" | ") for line in page.splitlines() if line.count("|") == 10]
+    expected = []
+    for name in re.findall(r"own_settings_\w+(?=\.json)", page):
+        for (method, _), row in stored_comparison(name).rows.items():
+            chosen = (row[f"{what}_of_seeds"] for what in ("execute", "temperature"))
+            success = f"{row.get('success', row.get('success_95')):.3f}".removeprefix("0")
+            told = (", ".join(f"{value:g}" for value in each) for each in chosen)
+            expected.append([label_of(method), str(row["nfe"]), *told, success])
+    assert [[*row[1:5], row[5].split(" ")[0]] for row in listed[2:]] == expected
