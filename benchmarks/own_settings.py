@@ -15,7 +15,6 @@ interrupted run goes on, and two can work side by side on other methods or seeds
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from cells import COMMAND, RESULTS
 
@@ -39,14 +38,14 @@ CHOICES: dict[str, tuple[float, ...]] = {
 }
 
 
-def choose(policy: ChunkPolicy) -> tuple[ChunkPolicy, Values]:
+def choose(policy: ChunkPolicy, trials: int) -> tuple[ChunkPolicy, Values]:
     """The policy with its choices, and success and score with each value that was tried."""
     task, tried = policy.windows.task, {}
     for name, values in CHOICES.items():
         found = {}
         for value in values if policy.sampler.random or name == "execute" else values[:1]:
             other = replace(policy, **{name: value})
-            means = rollout(other, episodes=TRIALS, progress=False).summary()
+            means = rollout(other, episodes=trials, progress=False).summary()
             found[value] = means[task.strictest], round(means[task.score], 4)
         policy = replace(policy, **{name: max(found, key=lambda value: found[value])})
         tried[name] = {f"{value:g}": both for value, both in found.items()}
@@ -61,6 +60,7 @@ def main() -> None:
     parser.add_argument("--seeds", default="0,1,2", help="numbers with commas between")
     parser.add_argument("--data", type=Path, help="demonstrations that do not come along")
     parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--trials", type=int, default=TRIALS, help="that make a choice")
     asked = parser.parse_args()
     name = f"own_settings_{asked.task.replace('-', '_')}"
     folder, weights = Path(__file__).parent / "results" / name, Path("build") / name
@@ -88,12 +88,13 @@ def main() -> None:
         of_nfe = {sampler.nfe: sampler for sampler in reversed(policy.sampler.variants)}
         for nfe in EVALUATIONS:
             if nfe in of_nfe:
-                own, chosen = choose(policy.with_sampler(of_nfe[nfe]))
+                own, chosen = choose(policy.with_sampler(of_nfe[nfe]), asked.trials)
                 found[own.sampler.name] = {**evaluate(own, data, starts=starts), **chosen}
         about = {"training": policy.about["training"], **machine("pymunk", "mujoco")}
         return {"method": method, "seed": int(seed), "samplers": found, **about}
 
     record = {**protocol.record(episodes), "execute": list(CHOICES["execute"])}
+    record["trials"] = asked.trials
     seeds, methods = policies.numbers(asked.seeds, "seeds"), asked.methods.split(",")
     names = [f"{method}-{seed}" for seed in seeds for method in methods]
     Folder(folder, record, read=read_record).fill(names, compute)
