@@ -72,3 +72,23 @@ def test_the_table_of_own_settings_is_that_of_the_files():
             told = (", ".join(f"{value:g}" for value in each) for each in chosen)
             expected.append([label_of(method), str(row["nfe"]), *told, success])
     assert [[*row[1:5], row[5].split(" ")[0]] for row in listed[2:]] == expected
+
+
+def test_the_table_of_last_plans_is_that_of_the_files():
+    page = PAGE.read_text("utf-8").split("## From the last plan")[1].split("\n## ")[0]
+    listed = [line.strip("| ").split(" | ") for line in page.splitlines() if line.count("|") == 8]
+    expected = []
+    for name in re.findall(r"warm_start_\w+(?=\.json)", page):
+        rows = {}
+        for cell in json.loads((ROOT / f"data/results/{name}.json").read_text("utf-8"))["cells"]:
+            method, _, sampler = cell["key"].values()
+            rows.setdefault((method, sampler), []).append(cell["success"])
+        for (method, sampler), row in stored_comparison(
+            name.replace("warm_start", "own_settings")
+        ).rows.items():
+            if each := rows.get((method, sampler)):
+                told = (
+                    f"{value:.3f}".removeprefix("0") for value in (sum(each) / len(each), *each)
+                )
+                expected.append([label_of(method), str(row["nfe"]), next(told), ", ".join(told)])
+    assert [[*row[1:3], *row[5:]] for row in listed[2:]] == expected
