@@ -121,12 +121,11 @@ def main() -> None:
     trials, episodes = own["protocol"]["trials"], own["protocol"]["episodes"]
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
-        policy, cell = f"{key['method']}-{key['seed']}", Path(__file__).parent / "results" / name
-        chosen = read_json(cell / f"{policy}.json")["samplers"][key["sampler"]]
-        loaded = ChunkPolicy.load(Path("build") / name / f"{policy}.safetensors")
+        stem, cells = f"{key['method']}-{key['seed']}", Path(__file__).parent / "results" / name
+        chosen = read_json(cells / f"{stem}.json")["samplers"][key["sampler"]]
+        loaded = ChunkPolicy.load(Path("build") / name / f"{stem}.safetensors")
         drawn = next(s for s in loaded.sampler.variants if s.name == key["sampler"])
         kept = {what: chosen[what] for what in ("execute", "temperature")}
-        kept["temperature"] = 1.0 if isinstance(drawn, MeanSampler) else kept["temperature"]
         policy = replace(loaded, sampler=drawn, **kept)
 
         def run(t: float, **starts: Any) -> tuple[Rollouts, Any, Any]:
