@@ -13,6 +13,7 @@ interrupted run goes on, and two can work side by side on other methods or seeds
 """
 
 import argparse
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -75,9 +76,11 @@ def main() -> None:
         if not path.is_file():
             options = with_choice(method, training, setting.options)
             checkpoint = weights / f"{method}-{seed}.training.safetensors"
+            started = time.process_time()
             found = train(method, training, seed=seed, options=options, checkpoint=checkpoint)
-            sizes = {"seconds": found.seconds, "parameters": found.parameters}
-            found.policy.about = {"training": {**sizes, "cpu_seconds_of_last_run": found.seconds}}
+            about = {"seconds": found.seconds, "parameters": found.parameters}
+            about["cpu_seconds_of_last_run"] = time.process_time() - started
+            found.policy.about = {"training": about}
             found.policy.save(path)
         return ChunkPolicy.load(path)
 
