@@ -29,7 +29,7 @@ from cotlearn.flows.matching import velocity_of
 from cotlearn.metrics import wilson_interval
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import REPORTED, Rollouts, rollout
-from cotlearn.policies.samplers import MeanSampler, Sampler, diffusion_of
+from cotlearn.policies.samplers import JumpSampler, MeanSampler, Sampler, diffusion_of
 from cotlearn.results import read_json
 
 STARTS = (0.0, 0.1, 0.2, 0.3, 0.5)  #: times t, of a regression its noise
@@ -57,11 +57,12 @@ class Continued(Sampler):
         """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
         if isinstance(self.inner, MeanSampler):
             return self.inner(network, noise, c) + self.t * noise[0]
-        if self.inner.family == "flow":
+        if self.inner.family != "diffusion":
             x = (1 - self.t) * noise[0] + self.t * self.guess
-            velocity = velocity_of(network, self.inner.prediction)
+            jumps = isinstance(self.inner, JumpSampler)
+            velocity = network if jumps else velocity_of(network, self.inner.prediction)
             for now, after in pairwise(torch.linspace(self.t, 1, self.nfe + 1)):
-                x = x + (after - now) * velocity(now, x, c)
+                x = x + (after - now) * velocity(now, x, c, *[after - now] * jumps)
             return x
         model = diffusion_of("data", self.inner.levels, self.inner.clip)
         first = round((1 - self.t) * model.levels)
@@ -81,11 +82,14 @@ class WarmStarted:
     Args:
         policy: with its number of actions, sampler and temperature.
         t: where a plan starts; 0 starts from noise.
+        older: what is executed is a mean of all plans for that step, and each has so much of the
+            weight of the next one; 0 executes the newest.
     """
 
-    def __init__(self, policy: ChunkPolicy, t: float) -> None:
-        self.policy, self.t, self.plans = policy, t, np.zeros(0)
+    def __init__(self, policy: ChunkPolicy, t: float, older: float = 0.0) -> None:
+        self.policy, self.t, self.older = policy, t, older
         self.windows, self.execute = policy.windows, policy.execute
+        self.plans, self.sums, self.weights = np.zeros(0), np.zeros(0), np.zeros(0)
 
     def noise(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """The noise of the policy; the last column is the number of the episode."""
@@ -106,9 +110,15 @@ class WarmStarted:
         x = replace(self.policy, sampler=sampler).draw(noise, windows.condition(history))
         actions = windows.actions(x, history).clip(*windows.task.action_limits)
         if not len(self.plans):
-            self.plans = np.zeros((len(episode), *actions.shape[1:]))
+            self.plans, self.sums = np.zeros((2, *actions.shape))
+            self.weights = np.zeros((len(actions), actions.shape[1], 1))
         self.plans[episode] = actions
-        return actions[:, : self.execute]
+        for kept, new in ((self.sums, actions), (self.weights, 1.0)):
+            shifted = np.zeros_like(kept[episode])
+            shifted[:, : -self.execute] = kept[episode, self.execute :]
+            kept[episode] = self.older * shifted + new
+        mean = self.sums[episode] / self.weights[episode]
+        return mean[:, : self.execute]
 
 
 def main() -> None:
