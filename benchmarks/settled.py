@@ -1,15 +1,15 @@
 """Which settings are left when no change of a single one helps?
 
-Each policy of own_settings.py starts at its own number of actions and temperature and at the t of
-warm_start.py. Then one setting after the other takes the value with the most successes on
-exploration starts (ties: the task's score), until no change of one has more: executed actions,
-temperature, t, and the weight of older plans, of which a mean is executed (temporal ensembling,
-2304.13705, where 1 is nearest to their default). What is left is rolled out once from the starts
-that the tables report.
+Each policy of own_settings.py starts at its own number of actions and temperature. Then one setting
+after the other takes the value with the most successes on exploration starts (ties: the task's
+score), until no change of one has more: executed actions, temperature, and two of last_plan.py, the
+time t where plans start (of a regression noise) and the weight of older plans. What is left is
+rolled out once from the starts that the tables report.
 
     python benchmarks/settled.py push-t
 
-needs what those two wrote, and writes data/results/settled_push_t.json. An interrupted run goes on.
+needs the weights and cells of own_settings.py, and writes data/results/settled_push_t.json. An
+interrupted run goes on.
 """
 
 import argparse
@@ -18,35 +18,33 @@ from pathlib import Path
 from typing import Any
 
 from cells import RESULTS, opened
+from last_plan import LastPlan
 from own_settings import CHOICES
-from warm_start import STARTS, WarmStarted
 
 from cotlearn.metrics import wilson_interval
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import REPORTED, Rollouts, rollout
 from cotlearn.results import read_json
 
-SETTINGS = {**CHOICES, "t": STARTS, "older": (0.0, 0.5, 1.0)}
+SETTINGS = {**CHOICES, "t": (0.0, 0.1, 0.2, 0.3, 0.5), "older": (0.0, 0.5, 1.0)}
 
 
 def main() -> None:
     """Fills the table of a task."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("task", help="a task of own_settings.py")
-    parser.add_argument("--evaluations", type=int, default=1, help="1 or 2")
+    parser.add_argument("--evaluations", type=int, default=2, help="at most so many")
     asked = parser.parse_known_args()[0]
     task = asked.task.replace("-", "_")
     own = read_json(RESULTS / f"own_settings_{task}.json", "protocol")
-    warm = read_json(RESULTS / f"warm_start_{task}.json", "protocol")
+    cells = Path(__file__).parent / "results" / f"own_settings_{task}"
     trials, episodes = own["protocol"]["trials"], own["protocol"]["episodes"]
-    nfe_of = {(row["method"], row["sampler"]): row["nfe"] for row in own["rows"]}
-    begun = {tuple(cell["key"].values()): cell for cell in warm["cells"]}
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
-        path = Path("build") / f"own_settings_{task}" / f"{key['method']}-{key['seed']}.safetensors"
-        loaded = ChunkPolicy.load(path)
+        stem = f"{key['method']}-{key['seed']}"
+        loaded = ChunkPolicy.load(Path("build") / cells.name / f"{stem}.safetensors")
         drawn = next(s for s in loaded.sampler.variants if s.name == key["sampler"])
-        begin = begun[tuple(key.values())]
+        begin = read_json(cells / f"{stem}.json")["samplers"][key["sampler"]]
         tried: dict[tuple[float, ...], tuple[float, float]] = {}
 
         def run(values: tuple[float, ...], **starts: Any) -> Rollouts:
@@ -54,7 +52,7 @@ def main() -> None:
             policy = replace(
                 loaded, sampler=drawn, execute=int(at["execute"]), temperature=at["temperature"]
             )
-            return rollout(WarmStarted(policy, at["t"], at["older"]), progress=False, **starts)
+            return rollout(LastPlan(policy, at["t"], at["older"]), progress=False, **starts)
 
         def value(values: tuple[float, ...]) -> tuple[float, float]:
             if values not in tried:
@@ -78,7 +76,7 @@ def main() -> None:
             "success": float(won.mean()),
             "success_interval": wilson_interval(int(won.sum()), len(won)),
             "score": float(done[done.task.score].mean()),
-            "before": begin["success"],
+            "without": begin["summary"][done.task.strictest],
             "exploration": {
                 ", ".join(f"{v:g}" for v in values): success
                 for values, (success, _) in tried.items()
@@ -93,9 +91,15 @@ def main() -> None:
         parser=parser,
         name=f"settled_{task}",
     )
-    keys = [cell["key"] for cell in warm["cells"]]
-    few = [k for k in keys if nfe_of[k["method"], k["sampler"]] <= asked.evaluations]
-    table.fill(few, compute)
+    table.fill(
+        [
+            {"method": row["method"], "seed": seed, "sampler": row["sampler"]}
+            for row in own["rows"]
+            for seed in row["seeds"]
+            if row["nfe"] <= asked.evaluations
+        ],
+        compute,
+    )
 
 
 if __name__ == "__main__":
