@@ -150,7 +150,7 @@ def test_no_start_serves_twice(name):
 
 def test_only_tables_report():
     others = "neighbours.py in_gym_pusht.py pixel_conditions.py replanning.py second_step.py "
-    others += "warm_start.py"
+    others += "settled.py last_plan_why.py"
     tables = {"cotlearn": "rollout.py cells.py", "benchmarks": others}
     for folder, names in tables.items():
         paths = (ROOT / folder).rglob("*.py")
