@@ -27,18 +27,20 @@ from cotlearn.policies.rollout import REPORTED, Rollouts, rollout
 from cotlearn.results import read_json
 
 SETTINGS = {**CHOICES, "t": (0.0, 0.1, 0.2, 0.3, 0.5), "older": (0.0, 0.5, 1.0)}
+NOISES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3)  #: that a regression tries in place of t
 
 
 def main() -> None:
     """Fills the table of a task."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("task", help="a task of own_settings.py")
-    parser.add_argument("--evaluations", type=int, default=2, help="at most so many")
+    parser.add_argument("--episodes", type=int, help="as many as own_settings.py if not given")
     asked = parser.parse_known_args()[0]
     task = asked.task.replace("-", "_")
     own = read_json(RESULTS / f"own_settings_{task}.json", "protocol")
     cells = Path(__file__).parent / "results" / f"own_settings_{task}"
-    trials, episodes = own["protocol"]["trials"], own["protocol"]["episodes"]
+    trials, episodes = own["protocol"]["trials"], asked.episodes or own["protocol"]["episodes"]
+    reported = range(REPORTED, REPORTED + episodes)
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
         stem = f"{key['method']}-{key['seed']}"
@@ -61,22 +63,22 @@ def main() -> None:
                 tried[values] = tuple(map(float, means))
             return tried[values]
 
-        now, changed = tuple(begin.get(name, 0.0) for name in SETTINGS), True
+        options = SETTINGS if drawn.random else {**SETTINGS, "temperature": (), "t": NOISES}
+        first = now = tuple(begin.get(name, 0.0) for name in SETTINGS)
+        changed = True
         while changed:
             changed = False
-            for i, (name, options) in enumerate(SETTINGS.items()):
-                if name == "temperature" and not drawn.random:
-                    continue
-                best = max([now] + [(*now[:i], to, *now[i + 1 :]) for to in options], key=value)
+            for i, values in enumerate(options.values()):
+                best = max([now] + [(*now[:i], to, *now[i + 1 :]) for to in values], key=value)
                 now, changed = best, changed or best != now
-        done = run(now, seeds=range(REPORTED, REPORTED + episodes))
+        done, before = run(now, seeds=reported), run(first, seeds=reported)
         won = done[done.task.strictest]
         return {
             **dict(zip(SETTINGS, now, strict=True)),
             "success": float(won.mean()),
             "success_interval": wilson_interval(int(won.sum()), len(won)),
             "score": float(done[done.task.score].mean()),
-            "without": begin["summary"][done.task.strictest],
+            "without": float(before[done.task.strictest].mean()),
             "exploration": {
                 ", ".join(f"{v:g}" for v in values): success
                 for values, (success, _) in tried.items()
@@ -84,7 +86,7 @@ def main() -> None:
             "jerk": float(done.jerk.mean()),
         }
 
-    protocol = {"settings": SETTINGS, "trials": trials, "episodes": episodes}
+    protocol = {"settings": SETTINGS, "noises": NOISES, "trials": trials, "episodes": episodes}
     table = opened(
         __doc__ or "",
         {**protocol, "first_start": REPORTED},
@@ -96,7 +98,7 @@ def main() -> None:
             {"method": row["method"], "seed": seed, "sampler": row["sampler"]}
             for row in own["rows"]
             for seed in row["seeds"]
-            if row["nfe"] <= asked.evaluations
+            if row["nfe"] <= 2
         ],
         compute,
     )
