@@ -1,9 +1,9 @@
 """Does a last plan help by saying which chunk is meant?
 
-At one evaluation on Push-T independent pairs start at the t that settled.py chose, with its other
-settings too, from a mixture of noise and a guess: what is left of the last plan; the last plan of
-another episode; what a regression predicts, the mean of the good chunks; the mean of all chunks.
-For comparison they start from noise alone, and pairs start from it, too.
+At one evaluation on Push-T a flow and DDIM, on independent pairs, start at the t that settled.py
+chose, with its other settings too, from a mixture of noise and a guess: what is left of the last
+plan; the last plan of another episode; what a regression predicts, the mean of the good chunks; the
+mean of all chunks. For comparison they start from noise alone.
 
     python benchmarks/last_plan_why.py
 
