@@ -89,3 +89,46 @@ def test_the_table_of_settled_policies_is_that_of_the_files():
                 mean, *told = (f"{v:.3f}".removeprefix("0") for v in (sum(each) / len(each), *each))
                 expected.append([label_of(key[0]), str(row["nfe"]), mean, ", ".join(told)])
     assert [[*row[1:3], *row[7:9]] for row in listed[2:]] == expected
+
+
+def test_lessons_quote_the_settled_policies():
+    """Where no cell of a lesson has room for the claim."""
+
+    def mean(name, method, sampler):
+        cells = json.loads((ROOT / f"data/results/settled_{name}.json").read_text("utf-8"))["cells"]
+        key = {"method": method, "sampler": sampler}
+        each = [cell["success"] for cell in cells if key.items() <= cell["key"].items()]
+        return f"{sum(each) / len(each):.2f}"
+
+    def said(lesson):
+        return next((ROOT / "notebooks").glob(f"{lesson}_*.ipynb")).read_text("utf-8")
+
+    arm, one, two = "arm_ring_receding", "ddim-1-trailing", "ddim-2-trailing"
+    told = [
+        f"{words} {mean(arm, method, first)} and {mean(arm, method, second)}"
+        for words, method, first, second in (
+            ("independent pairs", "independent", "euler-1", "euler-2"),
+            ("residual ones", "residual", "euler-1", "euler-2"),
+            ("DDIM on them", "diffusion_residual", one, two),
+            ("naive OT", "minibatch_ot", "euler-1", "euler-2"),
+        )
+    ]
+    assert "{}, {}, {}; {}".format(*told) in said("10")
+    tasks = (arm, "push_t_human", "push_t")
+    paired, free = (
+        "{}, {} and {}".format(*(mean(task, method, one) for task in tasks))
+        for method in ("diffusion_residual", "diffusion")
+    )
+    people = mean("push_t_human", "independent", "euler-1")
+    assert f"DDIM has {paired} with them, {free} without (people's with a flow {people})" in said(
+        "13"
+    )
+    assert f"*Settled*, independent pairs have {people} at one" in said("14")
+    why = json.loads((ROOT / "data/results/last_plan_why.json").read_text("utf-8"))["cells"]
+    for guess in ("regression", "another episode's"):
+        each = {"independent": [], "diffusion": []}
+        for cell in why:
+            if cell["key"]["guess"] == guess:
+                each[cell["key"]["method"]].append(cell["success"])
+        flow, ddim = (f"{sum(both) / len(both):.2f}" for both in each.values())
+        assert f"({flow} and {ddim}" in said("08")
