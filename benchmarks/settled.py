@@ -13,6 +13,7 @@ interrupted run goes on.
 """
 
 import argparse
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,27 @@ from cotlearn.policies.rollout import REPORTED, Rollouts, rollout
 from cotlearn.results import read_json
 
 SETTINGS = {**CHOICES, "t": (0.0, 0.1, 0.2, 0.3, 0.5), "older": (0.0, 0.5, 1.0)}
-NOISES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3)  #: that a regression tries in place of t
+#: Values that are tried as well, once no change among the first ones helps.
+MORE = {
+    "execute": (3, 6, 12),
+    "temperature": (0.2, 1.5),
+    "t": (0.15, 0.25, 0.4, 0.7),
+    "older": (0.25,),
+}
+#: What a regression tries in place of t, both times.
+NOISES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3), (0.025, 0.075, 0.125, 0.4)
+Settings = tuple[float, ...]  # values of SETTINGS, in its order
+
+
+def settle(now: Settings, options: list[Settings], value: Callable[[Settings], Any]) -> Settings:
+    """Settings that no change of a single one to another of its options makes worth more."""
+    changed = True
+    while changed:
+        changed = False
+        for i, values in enumerate(options):
+            best = max([now] + [(*now[:i], to, *now[i + 1 :]) for to in values], key=value)
+            now, changed = best, changed or best != now
+    return now
 
 
 def main() -> None:
@@ -47,30 +68,28 @@ def main() -> None:
         loaded = ChunkPolicy.load(Path("build") / cells.name / f"{stem}.safetensors")
         drawn = next(s for s in loaded.sampler.variants if s.name == key["sampler"])
         begin = read_json(cells / f"{stem}.json")["samplers"][key["sampler"]]
-        tried: dict[tuple[float, ...], tuple[float, float]] = {}
+        tried: dict[Settings, tuple[float, float]] = {}
 
-        def run(values: tuple[float, ...], **starts: Any) -> Rollouts:
+        def run(values: Settings, **starts: Any) -> Rollouts:
             at = dict(zip(SETTINGS, values, strict=True))
             policy = replace(
                 loaded, sampler=drawn, execute=int(at["execute"]), temperature=at["temperature"]
             )
             return rollout(LastPlan(policy, at["t"], at["older"]), progress=False, **starts)
 
-        def value(values: tuple[float, ...]) -> tuple[float, float]:
+        def value(values: Settings) -> tuple[float, float]:
             if values not in tried:
                 done = run(values, episodes=trials)
                 means = (done[name].mean() for name in (done.task.strictest, done.task.score))
                 tried[values] = tuple(map(float, means))
             return tried[values]
 
-        options = SETTINGS if drawn.random else {**SETTINGS, "temperature": (), "t": NOISES}
         first = now = tuple(begin.get(name, 0.0) for name in SETTINGS)
-        changed = True
-        while changed:
-            changed = False
-            for i, values in enumerate(options.values()):
-                best = max([now] + [(*now[:i], to, *now[i + 1 :]) for to in values], key=value)
-                now, changed = best, changed or best != now
+        options: list[Settings] = [()] * len(SETTINGS)
+        for more, noises in zip((SETTINGS, MORE), NOISES, strict=True):
+            new = more if drawn.random else {**more, "temperature": (), "t": noises}
+            options = [old + new[name] for old, name in zip(options, SETTINGS, strict=True)]
+            now = settle(now, options, value)
         done, before = run(now, seeds=reported), run(first, seeds=reported)
         won = done[done.task.strictest]
         return {
@@ -86,10 +105,10 @@ def main() -> None:
             "jerk": float(done.jerk.mean()),
         }
 
-    protocol = {"settings": SETTINGS, "noises": NOISES, "trials": trials, "episodes": episodes}
+    protocol = {"settings": SETTINGS, "more": MORE, "noises": NOISES, "trials": trials}
     table = opened(
         __doc__ or "",
-        {**protocol, "first_start": REPORTED},
+        {**protocol, "episodes": episodes, "first_start": REPORTED},
         parser=parser,
         name=f"settled_{task}",
     )
