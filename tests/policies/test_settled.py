@@ -15,7 +15,7 @@ def settle(monkeypatch):
     return runpy.run_path(str(BENCHMARKS / "settled.py"))["settle"]
 
 
-@pytest.mark.parametrize("now", product((0, 1, 2), repeat=2))
+@pytest.mark.parametrize("now", list(product((0, 1, 2), repeat=2)))
 def test_no_single_change_is_worth_more(settle, now):
     options = [(0, 1, 2, 3), (0, 1, 2, 3)]
     worth = [[3, 0, 1, 0], [0, 5, 2, 1], [1, 2, 7, 2], [0, 4, 2, 1]]
