@@ -31,8 +31,8 @@ SETTINGS = {**CHOICES, "t": (0.0, 0.1, 0.2, 0.3, 0.5), "older": (0.0, 0.5, 1.0)}
 #: Values that are tried as well, once no change among the first ones helps.
 MORE = {
     "execute": (3, 6, 12),
-    "temperature": (0.2, 1.5),
-    "t": (0.15, 0.25, 0.4, 0.7),
+    "temperature": (0.0, 0.2, 1.5),
+    "t": (0.15, 0.25, 0.4, 0.7, 0.85),
     "older": (0.25,),
 }
 #: What a regression tries in place of t, both times.
