@@ -35,7 +35,7 @@ MORE = {
     "t": (0.15, 0.25, 0.4, 0.7, 0.85),
     "older": (0.25,),
 }
-#: What a regression tries in place of t, both times.
+#: What a regression tries in place of t: the first, then these as well.
 NOISES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3), (0.025, 0.075, 0.125, 0.4)
 Settings = tuple[float, ...]  # values of SETTINGS, in its order
 
