@@ -123,7 +123,9 @@ def test_lessons_quote_the_settled_policies():
     assert f"DDIM has {paired} with them, {free} without (people's with a flow {people})" in said(
         "13"
     )
-    assert f"*Settled*, independent pairs have {people} at one" in said("14")
+    jump = mean("push_t_human", "mean_flow", "jump-1")
+    words = f"*Settled*, independent pairs have {people} at one, MeanFlow {jump} ("
+    assert words in said("14")
     why = json.loads((ROOT / "data/results/last_plan_why.json").read_text("utf-8"))["cells"]
     for guess in ("regression", "another episode's"):
         each = {"independent": [], "diffusion": []}
