@@ -171,6 +171,8 @@ def test_outputs_are_clean_and_small(cells, path):
         for output in cell.outputs:
             assert output.output_type != "error", f"cell {i} stores an error"
             assert output.get("name") != "stderr", f"cell {i} stores a warning: {output.text[:200]}"
+            bars = [kind for kind in output.get("data", {}) if "jupyter.widget" in kind]
+            assert not bars, f"cell {i} stores a progress bar"
             texts = {k: v for k, v in output.get("data", {}).items() if k.startswith("text/")}
             text = output.get("text", "") + json.dumps(texts)
             found = MACHINE_PATH.search(re.sub(r"base64,[A-Za-z0-9+/=\\n]*", "", text))
