@@ -91,14 +91,39 @@ def test_the_table_of_settled_policies_is_that_of_the_files():
     assert [[*row[1:3], *row[7:9]] for row in listed[2:]] == expected
 
 
+def mean(name, method, sampler, of="success"):
+    """Of the networks of a settled policy, in words."""
+    cells = json.loads((ROOT / f"data/results/settled_{name}.json").read_text("utf-8"))["cells"]
+    key = {"method": method, "sampler": sampler}
+    each = [cell[of] for cell in cells if key.items() <= cell["key"].items()]
+    return f"{sum(each) / len(each):.2f}"
+
+
+def test_the_how_to_quotes_the_settled_policies():
+    told = (ROOT / "docs/how_to/choose_a_policy.md").read_text("utf-8")
+    one, two = "ddim-1-trailing", "ddim-2-trailing"
+    free, paired, naive = "independent", "residual", "minibatch_ot"
+    for name, rows in (
+        ("push_t", (("DDIM", "diffusion", one), ("conditional pairs", paired, "euler-1"))),
+        ("arm_ring_receding", (("independent", free, "euler-1"), ("DDIM", "diffusion", one))),
+    ):
+        words = ", ".join(f"{word} {mean(name, *at).removeprefix('0')}" for word, *at in rows)
+        assert words in told
+    for words, *at in (
+        ("DDIM on conditional pairs", "diffusion_residual", two),
+        ("a flow", paired, "euler-2"),
+        ("naive OT", naive, "euler-2"),
+        ("DDIM", "diffusion", two),
+        ("independent", free, "euler-2"),
+    ):
+        both = (
+            mean("arm_ring_receding", *at, of).removeprefix("0") for of in ("success", "without")
+        )
+        assert "{} {} ({})".format(words, *both) in told
+
+
 def test_lessons_quote_the_settled_policies():
     """Where no cell of a lesson has room for the claim."""
-
-    def mean(name, method, sampler):
-        cells = json.loads((ROOT / f"data/results/settled_{name}.json").read_text("utf-8"))["cells"]
-        key = {"method": method, "sampler": sampler}
-        each = [cell["success"] for cell in cells if key.items() <= cell["key"].items()]
-        return f"{sum(each) / len(each):.2f}"
 
     def said(lesson):
         return next((ROOT / "notebooks").glob(f"{lesson}_*.ipynb")).read_text("utf-8")
