@@ -3,8 +3,9 @@
 Each policy of own_settings.py starts at its own number of actions and temperature. Then one setting
 after the other takes the value with the most successes on exploration starts (ties: the task's
 score), until no change of one has more: executed actions, temperature, and two of last_plan.py, the
-time t where plans start (of a regression noise) and the weight of older plans. What is left is
-rolled out once from the starts that the tables report.
+time t where plans start (of a regression noise) and the weight of older plans. A hundred rollouts
+can be luck, so the five best settings of all that were tried, and its own, are compared by 400.
+What is left is rolled out once from the starts that the tables report.
 
     python benchmarks/settled.py push-t
 
@@ -13,8 +14,9 @@ interrupted run goes on.
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +39,13 @@ MORE = {
 }
 #: What a regression tries in place of t: the first, then these as well.
 NOISES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3), (0.025, 0.075, 0.125, 0.4)
+#: So many of the best settings, and a policy's own, are compared on so many exploration starts.
+FINALISTS, FINAL = 5, 400
 Settings = tuple[float, ...]  # values of SETTINGS, in its order
+Value = Callable[[Settings], Any]  # what settings are worth
 
 
-def settle(now: Settings, options: list[Settings], value: Callable[[Settings], Any]) -> Settings:
+def settle(now: Settings, options: list[Settings], value: Value) -> Settings:
     """Settings that no change of a single one to another of its options makes worth more."""
     changed = True
     while changed:
@@ -51,24 +56,31 @@ def settle(now: Settings, options: list[Settings], value: Callable[[Settings], A
     return now
 
 
+def best_again(tried: Iterable[Settings], first: Settings, value: Value, again: Value) -> Settings:
+    """Of the settings that are worth most, and the first ones, the best on a second look."""
+    finalists = sorted(tried, key=value, reverse=True)[:FINALISTS]
+    return max([*finalists, first], key=again)
+
+
 def main() -> None:
     """Fills the table of a task."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("task", help="a task of own_settings.py")
     parser.add_argument("--episodes", type=int, help="as many as own_settings.py if not given")
     asked = parser.parse_known_args()[0]
-    task = asked.task.replace("-", "_")
-    own = read_json(RESULTS / f"own_settings_{task}.json", "protocol")
-    cells = Path(__file__).parent / "results" / f"own_settings_{task}"
+    stem = asked.task.replace("-", "_")
+    own = read_json(RESULTS / f"own_settings_{stem}.json", "protocol")
+    cells = Path(__file__).parent / "results" / f"own_settings_{stem}"
     trials, episodes = own["protocol"]["trials"], asked.episodes or own["protocol"]["episodes"]
-    reported = range(REPORTED, REPORTED + episodes)
+    final, reported = max(FINAL, trials), range(REPORTED, REPORTED + episodes)
 
     def compute(key: dict[str, Any]) -> dict[str, Any]:
-        stem = f"{key['method']}-{key['seed']}"
-        loaded = ChunkPolicy.load(Path("build") / cells.name / f"{stem}.safetensors")
+        cell = f"{key['method']}-{key['seed']}"
+        loaded = ChunkPolicy.load(Path("build") / cells.name / f"{cell}.safetensors")
         drawn = next(s for s in loaded.sampler.variants if s.name == key["sampler"])
-        begin = read_json(cells / f"{stem}.json")["samplers"][key["sampler"]]
-        tried: dict[Settings, tuple[float, float]] = {}
+        task = loaded.windows.task
+        begin = read_json(cells / f"{cell}.json")["samplers"][key["sampler"]]
+        tried: dict[int, dict[Settings, tuple[float, float]]] = {trials: {}, final: {}}
 
         def run(values: Settings, **starts: Any) -> Rollouts:
             at = dict(zip(SETTINGS, values, strict=True))
@@ -77,12 +89,12 @@ def main() -> None:
             )
             return rollout(LastPlan(policy, at["t"], at["older"]), progress=False, **starts)
 
-        def value(values: Settings) -> tuple[float, float]:
-            if values not in tried:
-                done = run(values, episodes=trials)
-                means = (done[name].mean() for name in (done.task.strictest, done.task.score))
-                tried[values] = tuple(map(float, means))
-            return tried[values]
+        def value(values: Settings, episodes: int = trials) -> tuple[float, float]:
+            known = tried[episodes]
+            if values not in known:
+                means = run(values, episodes=episodes).summary()
+                known[values] = means[task.strictest], means[task.score]
+            return known[values]
 
         first = now = tuple(begin.get(name, 0.0) for name in SETTINGS)
         options: list[Settings] = [()] * len(SETTINGS)
@@ -90,27 +102,29 @@ def main() -> None:
             new = more if drawn.random else {**more, "temperature": (), "t": noises}
             options = [old + new[name] for old, name in zip(options, SETTINGS, strict=True)]
             now = settle(now, options, value)
+        now = best_again(list(tried[trials]), first, value, partial(value, episodes=final))
         done, before = run(now, seeds=reported), run(first, seeds=reported)
-        won = done[done.task.strictest]
+        won = done[task.strictest]
         return {
             **dict(zip(SETTINGS, now, strict=True)),
             "success": float(won.mean()),
             "success_interval": wilson_interval(int(won.sum()), len(won)),
-            "score": float(done[done.task.score].mean()),
-            "without": float(before[done.task.strictest].mean()),
+            "score": float(done[task.score].mean()),
+            "without": float(before[task.strictest].mean()),
             "exploration": {
-                ", ".join(f"{v:g}" for v in values): success
-                for values, (success, _) in tried.items()
+                number: {", ".join(f"{v:g}" for v in at): worth for at, (worth, _) in known.items()}
+                for number, known in tried.items()
             },
             "jerk": float(done.jerk.mean()),
         }
 
     protocol = {"settings": SETTINGS, "more": MORE, "noises": NOISES, "trials": trials}
+    protocol |= {"finalists": FINALISTS, "final": final}
     table = opened(
         __doc__ or "",
         {**protocol, "episodes": episodes, "first_start": REPORTED},
         parser=parser,
-        name=f"settled_{task}",
+        name=f"settled_{stem}",
     )
     table.fill(
         [
