@@ -4,7 +4,7 @@ Each policy of own_settings.py starts at its own number of actions and temperatu
 after the other takes the value with the most successes on exploration starts (ties: the task's
 score), until no change of one has more: executed actions, temperature, and two of last_plan.py, the
 time t where plans start (of a regression noise) and the weight of older plans. A hundred rollouts
-can be luck, so the five best settings of all that were tried, and its own, are compared by 400.
+can be luck, so the three best settings of all that were tried, and its own, are compared by 300.
 What is left is rolled out once from the starts that the tables report.
 
     python benchmarks/settled.py push-t
@@ -40,7 +40,7 @@ MORE = {
 #: What a regression tries in place of t: the first, then these as well.
 NOISES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3), (0.025, 0.075, 0.125, 0.4)
 #: So many of the best settings, and a policy's own, are compared on so many exploration starts.
-FINALISTS, FINAL = 5, 400
+FINALISTS, FINAL = 3, 300
 Settings = tuple[float, ...]  # values of SETTINGS, in its order
 Value = Callable[[Settings], Any]  # what settings are worth
 

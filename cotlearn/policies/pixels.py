@@ -16,6 +16,7 @@ from torch import Generator, Tensor, nn
 from cotlearn.couplings import EmbeddedClusters, Pairs, PCAKMeansCondition
 from cotlearn.flows.matching import Loss
 from cotlearn.flows.networks import ImageEncoder, ResidualMLP
+from cotlearn.flows.one_step import MeanVelocity
 from cotlearn.policies.windows import Windows
 from cotlearn.renamed import renamed
 from cotlearn.robots.push_t.camera import AGENT, PLACE, SCENE, TURN, Camera
@@ -33,6 +34,7 @@ class CameraNetwork(nn.Module):
         camera: a `Camera`, or its attributes as a dictionary.
         dim: d, columns of x, two for each step.
         features: number of image features beside the pose.
+        mean: whether to predict mean velocities; the head is a `MeanVelocity` then.
         seed: of the initial weights.
         options: of the velocity field, a `ResidualMLP`.
     """
@@ -43,17 +45,18 @@ class CameraNetwork(nn.Module):
         dim: int,
         *,
         features: int = 32,
+        mean: bool = False,
         seed: int | None = None,
         **options: Any,
     ) -> None:
         super().__init__()
         self.camera = camera if isinstance(camera, Camera) else Camera(**camera)
         self.dim, self.condition_dim = dim, self.camera.observe * SCENE
-        self.features = check_count(features, "features", minimum=0)
-        self.encoder = ImageEncoder(POSE + features, seed=seed)
-        self.head = TurnedMLP(dim, features, self.camera.observe, seed=seed, **options)
+        self.encoder = ImageEncoder(POSE + check_count(features, "features", minimum=0), seed=seed)
+        head = TurnedMLP(dim, features, self.camera.observe, int(mean), seed=seed, **options)
+        self.head = MeanVelocity(head) if mean else head
         self.sizes: dict[str, Any] = {"camera": asdict(self.camera), "dim": dim}
-        self.sizes |= {"features": features, **options}
+        self.sizes |= {"features": features, "mean": mean, **options}
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor) -> Tensor:
         """The velocity (B, d) at time t, x (B, d) and scenes c (B, k)."""
@@ -96,33 +99,32 @@ class TurnedMLP(nn.Module):
         dim: d, two columns for each step of a chunk.
         features: number of image features beside the pose.
         observe: number of agent positions after the features, two columns each.
+        columns: number of further columns after these.
         options: of the `ResidualMLP`.
     """
 
-    def __init__(self, dim: int, features: int, observe: int, **options: Any) -> None:
+    def __init__(self, dim: int, features: int, observe: int, columns: int = 0, **options: Any):
         super().__init__()
-        self.dim, self.condition_dim = dim, POSE + features + 2 * observe
-        self.observe = observe
-        self.inner = ResidualMLP(dim, 2 * (observe + 2) + features, **options)
+        self.parts = [POSE, features, 2 * observe, columns]
+        self.dim, self.condition_dim = dim, sum(self.parts)
+        self.inner = ResidualMLP(dim, 2 * (observe + 2) + features + columns, **options)
 
     def forward(self, t: Tensor | float, x: Tensor, c: Tensor) -> Tensor:
         """The velocity (B, d) at time t, x (B, d) and features c (B, k)."""
-        place, free = c[:, None, :2], c[:, POSE : -2 * self.observe]
-        hand = c[:, -2 * self.observe :]
-        facing = nn.functional.normalize(c[:, None, 2:POSE], dim=2)
+        pose, free, hand, more = c.split(self.parts, dim=1)
+        place, facing = pose[:, None, :2], nn.functional.normalize(pose[:, None, 2:], dim=2)
         goal = c.new_tensor([(GOAL[0] - SIZE / 2) / _UNIT, (GOAL[1] - SIZE / 2) / _UNIT])
         wanted = c.new_tensor([math.cos(GOAL[2]), math.sin(GOAL[2])]).expand_as(place)
         places = torch.cat([hand.unflatten(1, (-1, 2)), goal.expand_as(place)], dim=1) - place
         seen = torch.cat([_turned(places, facing, -1), _turned(wanted, facing, -1)], dim=1)
         x = _turned(x.unflatten(1, (-1, 2)), facing, -1).flatten(1)
-        velocity = self.inner(t, x, torch.cat([seen.flatten(1), free], dim=1))
+        velocity = self.inner(t, x, torch.cat([seen.flatten(1), free, more], dim=1))
         return _turned(velocity.unflatten(1, (-1, 2)), facing, 1).flatten(1)
 
 
 def _turned(points: Tensor, facing: Tensor, sign: int) -> Tensor:
     """Rotate points (B, n, 2) by angles given as cosines and sines (B, 1, 2); sign -1 inverts."""
-    (x, y), (cos, sin) = points.unbind(2), facing.unbind(2)
-    sin = sign * sin
+    (x, y), (cos, sin) = points.unbind(2), (facing * facing.new_tensor([1, sign])).unbind(2)
     return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=2)
 
 

@@ -117,10 +117,10 @@ class Options:
         method = find_method(method)
         sizes: dict[str, Any] = {"width": self.width, "blocks": self.blocks, "seed": seed}
         columns = windows.condition_dim + method.columns
-        if method.columns and (self.camera or self.network != "mlp"):
-            raise ValueError(f"{method.name} needs network mlp without a camera")
+        if method.columns and self.network != "mlp":
+            raise ValueError(f"{method.name} needs network mlp, got {self.network}")
         if self.camera:
-            return self.camera.network(windows, **sizes)
+            return self.camera.network(windows, mean=method.columns > 0, **sizes)
         if self.network == "unet":
             return TemporalUNet(windows.points, len(windows.task.action), columns, seed=seed)
         return method.network(ResidualMLP(windows.dim, columns, **sizes))

@@ -31,8 +31,8 @@ def test_of_equal_settings_the_first_stays(settled):
 @pytest.mark.parametrize(
     ("first", "again", "best"),
     [
-        (1, {4: 9}, 4),  # the fifth best
-        (1, {3: 9}, 8),  # the sixth best is not compared
+        (1, {6: 9}, 6),  # the third best
+        (1, {5: 9}, 8),  # the fourth best is not compared
         (0, {0: 9}, 0),  # the first is
     ],
 )
