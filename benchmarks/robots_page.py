@@ -1,0 +1,97 @@
+"""Writes two tables, of own settings and of settled policies, into the page of the robots.
+
+    python benchmarks/robots_page.py
+
+reads data/results/own_settings_*.json and settled_*.json, and changes nothing else on the page.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from cells import RESULTS
+
+from cotlearn.plots import label_of
+from cotlearn.policies.comparison.stored import stored_comparison
+from cotlearn.results import read_json
+
+PAGE = Path(__file__).resolve().parents[1] / "docs/reference/one_step_on_robots.md"
+#: Each task in words, and the table that counts the ways of its demonstrations.
+TASKS = {
+    "push_t": ("Push-T, planned", "push_t"),
+    "push_t_pixels": ("Push-T from pixels", "push_t_pixels_data"),
+    "push_t_human": ("Push-T, people", "push_t_human"),
+    "arm_ring_receding": ("arm, planning again", "arm_ring_receding"),
+}
+
+
+def short(value: float, digits: int = 3) -> str:
+    """A number in words: .95, and 1.00."""
+    return f"{value:.{digits}f}".removeprefix("0")
+
+
+def listed(values: list[float]) -> str:
+    """Values with commas between."""
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def own_settings() -> Iterator[list[str]]:
+    """Rows of the table of own settings."""
+    for name, (task, counted) in TASKS.items():
+        demonstrations = read_json(RESULTS / f"{counted}.json", "demonstrations")["demonstrations"]
+        for (method, _), row in stored_comparison(f"own_settings_{name}").rows.items():
+            strict = "success" if "success" in row else "success_95"
+            low, high = (short(end, 2) for end in row[f"{strict}_interval"])
+            yield [
+                task,
+                label_of(method),
+                str(row["nfe"]),
+                listed(row["execute_of_seeds"]),
+                listed(row["temperature_of_seeds"]),
+                f"{short(row[strict])} ({low} to {high})",
+                ", ".join(short(each) for each in row[f"{strict}_of_seeds"]),
+                short(row["coverage"], 2) if "coverage" in row else "",
+                f"{row['mode_entropy'] / demonstrations['mode_entropy']:.0%}",
+            ]
+
+
+def settled() -> Iterator[list[str]]:
+    """Rows of the table of settled policies."""
+    for name, (task, _) in TASKS.items():
+        cells = read_json(RESULTS / f"settled_{name}.json", "cells")["cells"]
+        for (method, sampler), row in stored_comparison(f"own_settings_{name}").rows.items():
+            key = {"method": method, "sampler": sampler}
+            each = [cell for cell in cells if key.items() <= cell["key"].items()]
+            if each:
+                each.sort(key=lambda cell: cell["key"]["seed"])
+                found = {what: [cell[what] for cell in each] for what in each[0]}
+                mean = {
+                    what: short(sum(found[what]) / len(each)) for what in ("without", "success")
+                }
+                older = f"; older {listed(found['older'])}" if any(found["older"]) else ""
+                arm = name.startswith("arm")
+                yield [
+                    task,
+                    label_of(method),
+                    str(row["nfe"]),
+                    listed(found["execute"]),
+                    listed(found["temperature"]),
+                    listed(found["t"]) + older,
+                    *mean.values(),
+                    ", ".join(map(short, found["success"])),
+                    "" if arm else short(sum(found["score"]) / len(each)),
+                ]
+
+
+def main() -> None:
+    """Replaces the rows of both tables."""
+    page = PAGE.read_text("utf-8")
+    for heading, rows in (("## Own settings\n", own_settings()), ("## Settled\n", settled())):
+        begin = page.index("|---", page.index(heading))
+        begin, end = page.index("\n", begin) + 1, page.index("\n\n", begin) + 1
+        text = "".join(f"| {' | '.join(row)} |\n" for row in rows)
+        page = page[:begin] + text + page[end:]
+    PAGE.write_text(page, "utf-8")
+
+
+if __name__ == "__main__":
+    main()
