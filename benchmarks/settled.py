@@ -1,11 +1,12 @@
 """Which settings are left when no change of a single one helps?
 
-Each policy of own_settings.py starts at its own number of actions and temperature. Then one setting
-after the other takes the value with the most successes on exploration starts (ties: the task's
-score), until no change of one has more: executed actions, temperature, and two of last_plan.py, the
-time t where plans start (of a regression noise) and the weight of older plans. A hundred rollouts
-can be luck, so the three best settings of all that were tried, and its own, are compared by 300.
-What is left is rolled out once from the starts that the tables report.
+Each policy of own_settings.py, at one and two evaluations, starts at its own number of actions and
+temperature. Then one setting after the other takes the value with the most successes on exploration
+starts (ties: the task's score), until no change of one has more: executed actions, temperature, and
+two of last_plan.py, the time t where plans start (for a regression, the noise on its chunks) and
+the weight of older plans. A hundred rollouts can be luck, so the three best settings of all that
+were tried, and its own, are compared by 300. What is left, and its own settings ("without"), are
+rolled out from the starts that the tables report.
 
     python benchmarks/settled.py push-t
 

@@ -99,7 +99,7 @@ class TurnedMLP(nn.Module):
         dim: d, two columns for each step of a chunk.
         features: number of image features beside the pose.
         observe: number of agent positions after the features, two columns each.
-        columns: number of further columns after these.
+        columns: number of further columns after these, such as the length of a jump.
         options: of the `ResidualMLP`.
     """
 
