@@ -103,7 +103,7 @@ def main() -> None:
             new = more if drawn.random else {**more, "temperature": (), "t": noises}
             options = [old + new[name] for old, name in zip(options, SETTINGS, strict=True)]
             now = settle(now, options, value)
-        now = best_again(list(tried[trials]), first, value, partial(value, episodes=final))
+        now = best_again(tried[trials], first, value, partial(value, episodes=final))
         done, before = run(now, seeds=reported), run(first, seeds=reported)
         won = done[task.strictest]
         return {

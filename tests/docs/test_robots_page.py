@@ -151,6 +151,8 @@ def test_lessons_quote_the_settled_policies():
     jump = mean("push_t_human", "mean_flow", "jump-1")
     words = f"*Settled*, independent pairs have {people} at one, MeanFlow {jump} ("
     assert words in said("14")
+    reflow = mean("push_t_human", "reflow", "euler-1", "without")
+    assert f"Reflow has {reflow} at one (one network)" in said("14")
     why = json.loads((ROOT / "data/results/last_plan_why.json").read_text("utf-8"))["cells"]
     for guess in ("regression", "another episode's"):
         each = {"independent": [], "diffusion": []}
