@@ -9,7 +9,9 @@ rolled out once from the starts that the tables report. All networks predict the
     python benchmarks/own_settings.py push-t
 
 writes benchmarks/results/own_settings_push_t/ and data/results/own_settings_push_t.json. An
-interrupted run goes on, and two can work side by side on other methods or seeds.
+interrupted run goes on, and two can work side by side on other methods or seeds. Reflow trains its
+teacher, too; with half of the steps (--steps, and names that end in their number) it costs as much
+as the others.
 """
 
 import argparse
@@ -62,10 +64,12 @@ def main() -> None:
     parser.add_argument("--data", type=Path, help="demonstrations that do not come along")
     parser.add_argument("--episodes", type=int, default=200)
     parser.add_argument("--trials", type=int, default=TRIALS, help="that make a choice")
+    parser.add_argument("--steps", type=int, help="of a training, if not those of the task")
     asked = parser.parse_args()
-    name = f"own_settings_{asked.task.replace('-', '_')}"
+    name = f"own_settings_{asked.task.replace('-', '_')}" + f"_{asked.steps}" * bool(asked.steps)
     folder, weights = Path(__file__).parent / "results" / name, Path("build") / name
-    setting, episodes = policies.setting(asked.task, {"prediction": "data"}, asked.data)
+    options = {"prediction": "data"} | ({"steps": asked.steps} if asked.steps else {})
+    setting, episodes = policies.setting(asked.task, options, asked.data)
     training, held = split(episodes, held_out=setting.held_out)
     sizes = None, setting.held_out, asked.episodes
     protocol = Protocol(setting.options, *sizes, temperatures=CHOICES["temperature"])
