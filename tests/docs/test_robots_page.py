@@ -1,5 +1,6 @@
 """The page with every score of the robots says what the stored tables say."""
 
+import functools
 import json
 import re
 from pathlib import Path
@@ -9,6 +10,7 @@ from cotlearn.policies.comparison.stored import stored_comparison
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/reference/one_step_on_robots.md"
+FOUR = "independent", "residual", "diffusion", "diffusion_residual"
 
 
 def test_every_row_is_that_of_its_table():
@@ -144,15 +146,28 @@ def test_lessons_quote_the_settled_policies():
         "{}, {} and {}".format(*(mean(task, method, one) for task in tasks))
         for method in ("diffusion_residual", "diffusion")
     )
-    people = mean("push_t_human", "independent", "euler-1")
-    assert f"DDIM has {paired} with them, {free} without (people's with a flow {people})" in said(
+    people = functools.partial(mean, "push_t_human")
+    flow = people("independent", "euler-1")
+    assert f"DDIM has {paired} with them, {free} without (people's with a flow {flow})" in said(
         "13"
     )
-    jump = mean("push_t_human", "mean_flow", "jump-1")
-    words = f"*Settled*, independent pairs have {people} at one, MeanFlow {jump} ("
+    first, second = (
+        {
+            method: people(method, ddim if "diffusion" in method else flow, "without")
+            for method in FOUR
+        }
+        for flow, ddim in (("euler-1", one), ("euler-2", two))
+    )
+    regression = people("behaviour_cloning", "mean", "without")
+    reflow = [people("reflow", f"euler-{k}", "without") for k in (1, 2)]
+    spread = f"{min(first.values())} to {max(first.values())}"
+    words = f"at one regression has {regression}, flows/DDIM {spread}, reflow {reflow[0]}; "
+    words += "at two DDIM {diffusion}, a flow {independent}, ".format(**second)
+    words += "on conditional pairs {diffusion_residual} and {residual}, ".format(**second)
+    assert f"{words}reflow {reflow[1]}. " in said("14")
+    again, jump = people("reflow", "euler-1"), people("mean_flow", "jump-1")
+    words = f"*Settled*, reflow has {again} at one, independent pairs {flow}, MeanFlow {jump} ("
     assert words in said("14")
-    reflow = mean("push_t_human", "reflow", "euler-1", "without")
-    assert f"Reflow has {reflow} at one (one network)" in said("14")
     why = json.loads((ROOT / "data/results/last_plan_why.json").read_text("utf-8"))["cells"]
     for guess in ("regression", "another episode's"):
         each = {"independent": [], "diffusion": []}
