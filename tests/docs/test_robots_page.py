@@ -146,6 +146,11 @@ def test_lessons_quote_the_settled_policies():
         "{}, {} and {}".format(*(mean(task, method, one) for task in tasks))
         for method in ("diffusion_residual", "diffusion")
     )
+    own = "{}, {} and {}".format(*(mean(task, "reflow", "euler-1", "without") for task in tasks))
+    assert f"with own settings (08) it has {own} on the arm" in said("13")
+    eight = stored_comparison("arm_ring_receding_data")
+    both = (f"{eight.at('reflow', k)['success']:.3f}" for k in (1, 2))
+    assert "*Reflow*, at more cost, has {} and {}.".format(*both) in said("10")
     people = functools.partial(mean, "push_t_human")
     flow = people("independent", "euler-1")
     assert f"DDIM has {paired} with them, {free} without (people's with a flow {flow})" in said(
