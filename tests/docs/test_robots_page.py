@@ -170,6 +170,20 @@ def test_lessons_quote_the_settled_policies():
     words += "at two DDIM {diffusion}, a flow {independent}, ".format(**second)
     words += "on conditional pairs {diffusion_residual} and {residual}, ".format(**second)
     assert f"{words}reflow {reflow[1]}. " in said("14")
+
+    def control(steps, method):
+        at = stored_comparison(f"own_settings_push_t_human_{steps}").at
+        one, two = (f"{at(method, k)['success_95']:.3g}" for k in (1, 2))
+        return f"{one} and {two}"
+
+    words = (
+        f"With half of the steps reflow has {control(4000, 'reflow')} (one network); with twice "
+    )
+    words += f"as many residual pairs have {control(16000, 'residual')}, independent ones "
+    assert words in said("14")
+    for name, steps in ((arm, 3000), ("push_t_human", 4000), ("push_t", 7500)):
+        row = stored_comparison(f"own_settings_{name}_{steps}").at("reflow", 1)
+        assert f"{row.get('success', row.get('success_95')):.3g}" in said("13")
     again, jump = people("reflow", "euler-1"), people("mean_flow", "jump-1")
     words = f"*Settled*, reflow has {again} at one, independent pairs {flow}, MeanFlow {jump} ("
     assert words in said("14")
