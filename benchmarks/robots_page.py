@@ -1,10 +1,11 @@
-"""Writes two tables, of own settings and of settled policies, into the page of the robots.
+"""Writes three tables into the page of the robots: own settings, lengths of training, settled.
 
     python benchmarks/robots_page.py
 
 reads data/results/own_settings_*.json and settled_*.json, and changes nothing else on the page.
 """
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from cells import RESULTS
 
 from cotlearn.plots import label_of
 from cotlearn.policies.comparison.stored import stored_comparison
-from cotlearn.results import read_json
+from cotlearn.results import Values, read_json
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/reference/one_step_on_robots.md"
 #: Each task in words, and the table that counts the ways of its demonstrations.
@@ -26,7 +27,7 @@ TASKS = {
 
 def short(value: float, digits: int = 3) -> str:
     """A number in words: .95, and 1.00."""
-    return f"{value:.{digits}f}".removeprefix("0")
+    return f"{round(value, 6):.{digits}f}".removeprefix("0")
 
 
 def listed(values: list[float]) -> str:
@@ -52,6 +53,41 @@ def own_settings() -> Iterator[list[str]]:
                 short(row["coverage"], 2) if "coverage" in row else "",
                 f"{row['mode_entropy'] / demonstrations['mode_entropy']:.0%}",
             ]
+
+
+def lengths() -> Iterator[list[str]]:
+    """Rows of the table of lengths of training; the length that exploration prefers is bold."""
+    for name, (task, _) in TASKS.items():
+        usual, *others = (
+            stored_comparison(path.stem)
+            for path in sorted(RESULTS.glob(f"own_settings_{name}*.json"))
+            if re.fullmatch(r"(_\d+)?", path.stem.removeprefix(f"own_settings_{name}"))
+        )
+        steps = usual.about["protocol"]["options"]["steps"]
+        for key, row in usual.rows.items():
+            found = {1.0: row} | {
+                other.about["protocol"]["options"]["steps"] / steps: other.rows[key]
+                for other in others
+                if key in other.rows
+            }
+            if len(found) == 1:
+                continue
+            shared = set.intersection(*(set(one["seeds"]) for one in found.values()))
+            explored = {length: mean_of(one, "explored", shared) for length, one in found.items()}
+            cells = {}
+            for length, one in found.items():
+                strict = "success" if "success" in one else "success_95"
+                seeds = ", ".join(short(each) for each in one[f"{strict}_of_seeds"])
+                bold = "**" * (length == max(explored, key=explored.__getitem__))
+                cells[length] = f"{bold}{short(explored[length], 2)}{bold} / {seeds}"
+            columns = (cells.get(length, "") for length in (0.5, 1.0, 2.0))
+            yield [task, label_of(key[0]), str(row["nfe"]), *columns]
+
+
+def mean_of(row: Values, name: str, seeds: set[int]) -> float:
+    """The mean of some networks."""
+    found = dict(zip(row["seeds"], row[f"{name}_of_seeds"], strict=True))
+    return sum(found[seed] for seed in seeds) / len(seeds)
 
 
 def settled() -> Iterator[list[str]]:
@@ -83,10 +119,11 @@ def settled() -> Iterator[list[str]]:
 
 
 def main() -> None:
-    """Replaces the rows of both tables."""
+    """Replaces the rows of the tables."""
     page = PAGE.read_text("utf-8")
-    for heading, rows in (("## Own settings\n", own_settings()), ("## Settled\n", settled())):
-        begin = page.index("|---", page.index(heading))
+    tables = {"Own settings": own_settings(), "Length of training": lengths()}
+    for heading, rows in (tables | {"Settled": settled()}).items():
+        begin = page.index("|---", page.index(f"## {heading}\n"))
         begin, end = page.index("\n", begin) + 1, page.index("\n\n", begin) + 1
         text = "".join(f"| {' | '.join(row)} |\n" for row in rows)
         page = page[:begin] + text + page[end:]

@@ -86,6 +86,9 @@ def _row(cells: Cells, method: str, sampler: str) -> dict[str, Any]:
             row[f"{name}_wilson"] = [wilson_interval(int(v.sum()), len(v)) for v in values]
     for name in [name for name in ("execute", "temperature") if name in scores[0]]:
         row[f"{name}_of_seeds"] = [score[name] for score in scores]
+    if "tried" in scores[0]:
+        last = [score["tried"]["temperature"].values() for score in scores]
+        row["explored_of_seeds"] = [max(success for success, _ in tried) for tried in last]
     for name in ("energy_score", "mode_entropy", "latency_ms"):
         each = [score[name] for score in scores]
         row[name], row[f"{name}_of_seeds"] = float(np.mean(each)), each
