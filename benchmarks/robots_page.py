@@ -23,6 +23,8 @@ TASKS = {
     "push_t_human": ("Push-T, people", "push_t_human"),
     "arm_ring_receding": ("arm, planning again", "arm_ring_receding"),
 }
+#: Steps of a training, in those of the task.
+LENGTHS = 0.5, 1.0, 2.0, 4.0
 
 
 def short(value: float, digits: int = 3) -> str:
@@ -56,7 +58,7 @@ def own_settings() -> Iterator[list[str]]:
 
 
 def lengths() -> Iterator[list[str]]:
-    """Rows of the table of lengths of training; the length that exploration prefers is bold."""
+    """Rows of the table of lengths of training; the one that exploration prefers is bold."""
     for name, (task, _) in TASKS.items():
         usual, *others = (
             stored_comparison(path.stem)
@@ -70,24 +72,29 @@ def lengths() -> Iterator[list[str]]:
                 for other in others
                 if key in other.rows
             }
-            if len(found) == 1:
-                continue
-            shared = set.intersection(*(set(one["seeds"]) for one in found.values()))
-            explored = {length: mean_of(one, "explored", shared) for length, one in found.items()}
-            cells = {}
-            for length, one in found.items():
-                strict = "success" if "success" in one else "success_95"
-                seeds = ", ".join(short(each) for each in one[f"{strict}_of_seeds"])
-                bold = "**" * (length == max(explored, key=explored.__getitem__))
-                cells[length] = f"{bold}{short(explored[length], 2)}{bold} / {seeds}"
-            columns = (cells.get(length, "") for length in (0.5, 1.0, 2.0))
-            yield [task, label_of(key[0]), str(row["nfe"]), *columns]
+            if len(found) > 1:
+                best = preferred(found)
+                cells = (told(found[k], bold=k == best) if k in found else "" for k in LENGTHS)
+                yield [task, label_of(key[0]), str(row["nfe"]), *cells]
 
 
-def mean_of(row: Values, name: str, seeds: set[int]) -> float:
-    """The mean of some networks."""
-    found = dict(zip(row["seeds"], row[f"{name}_of_seeds"], strict=True))
-    return sum(found[seed] for seed in seeds) / len(seeds)
+def preferred(found: dict[float, Values]) -> float:
+    """Of half, once and twice the steps, what has most successes by networks that all have."""
+    compared = {length: row for length, row in found.items() if length <= 2}
+    shared = set.intersection(*(set(row["seeds"]) for row in compared.values()))
+
+    def explored(length: float) -> float:
+        row = compared[length]
+        each = zip(row["seeds"], row["explored_of_seeds"], strict=True)
+        return sum(value for seed, value in each if seed in shared)
+
+    return max(compared, key=explored)
+
+
+def told(row: Values, *, bold: bool) -> str:
+    """The successes of each network."""
+    each = row["success_of_seeds" if "success" in row else "success_95_of_seeds"]
+    return "**" * bold + ", ".join(short(value) for value in each) + "**" * bold
 
 
 def settled() -> Iterator[list[str]]:
