@@ -88,7 +88,8 @@ def test_the_table_of_settled_policies_is_that_of_the_files():
             rows.setdefault((method, sampler), []).append(cell["success"])
         for key, row in stored_comparison(f"own_settings_{name}").rows.items():
             if each := rows.get(key):
-                mean, *told = (f"{v:.3f}".removeprefix("0") for v in (sum(each) / len(each), *each))
+                values = round(sum(each) / len(each), 6), *each
+                mean, *told = (f"{v:.3f}".removeprefix("0") for v in values)
                 expected.append([label_of(key[0]), str(row["nfe"]), mean, ", ".join(told)])
     assert [[*row[1:3], *row[7:9]] for row in listed[2:]] == expected
 
@@ -156,37 +157,9 @@ def test_lessons_quote_the_settled_policies():
     assert f"DDIM has {paired} with them, {free} without (people's with a flow {flow})" in said(
         "13"
     )
-    first, second = (
-        {
-            method: people(method, ddim if "diffusion" in method else flow, "without")
-            for method in FOUR
-        }
-        for flow, ddim in (("euler-1", one), ("euler-2", two))
-    )
-    regression = people("behaviour_cloning", "mean", "without")
-    reflow = [people("reflow", f"euler-{k}", "without") for k in (1, 2)]
-    spread = f"{min(first.values())} to {max(first.values())}"
-    words = f"at one regression has {regression}, flows/DDIM {spread}, reflow {reflow[0]}; "
-    words += "at two DDIM {diffusion}, a flow {independent}, ".format(**second)
-    words += "on conditional pairs {diffusion_residual} and {residual}, ".format(**second)
-    assert f"{words}reflow {reflow[1]}. " in said("14")
-
-    def control(steps, method):
-        at = stored_comparison(f"own_settings_push_t_human_{steps}").at
-        one, two = (f"{at(method, k)['success_95']:.3g}" for k in (1, 2))
-        return f"{one} and {two}"
-
-    words = (
-        f"With half of the steps reflow has {control(4000, 'reflow')} (one network); with twice "
-    )
-    words += f"as many residual pairs have {control(16000, 'residual')}, independent ones "
-    assert words in said("14")
     for name, steps in ((arm, 3000), ("push_t_human", 4000), ("push_t", 7500)):
         row = stored_comparison(f"own_settings_{name}_{steps}").at("reflow", 1)
         assert f"{row.get('success', row.get('success_95')):.3g}" in said("13")
-    again, jump = people("reflow", "euler-1"), people("mean_flow", "jump-1")
-    words = f"*Settled*, reflow has {again} at one, independent pairs {flow}, MeanFlow {jump} ("
-    assert words in said("14")
     why = json.loads((ROOT / "data/results/last_plan_why.json").read_text("utf-8"))["cells"]
     for guess in ("regression", "another episode's"):
         each = {"independent": [], "diffusion": []}
@@ -195,3 +168,40 @@ def test_lessons_quote_the_settled_policies():
                 each[cell["key"]["method"]].append(cell["success"])
         flow, ddim = (f"{sum(both) / len(both):.2f}" for both in each.values())
         assert f"({flow} and {ddim}" in said("08")
+
+
+def test_the_table_of_lengths_is_that_of_the_files():
+    page = PAGE.read_text("utf-8").split("## Length of training")[1].split("\n## ")[0]
+    listed = [
+        line.replace("*", "").strip("| ").split(" | ") for line in page.splitlines() if "|" in line
+    ]
+    files = [
+        path
+        for path in sorted((ROOT / "data/results").glob("own_settings_*.json"))
+        if re.search(r"_\d+$", path.stem)
+    ]
+    assert len(files) > 4
+    for path in files:
+        for (method, _), row in stored_comparison(path.stem).rows.items():
+            each = row["success_of_seeds" if "success" in row else "success_95_of_seeds"]
+            told = ", ".join(f"{value:.3f}".removeprefix("0") for value in each)
+            start = [label_of(method), str(row["nfe"])]
+            assert any(one[1:3] == start and told in one[3:] for one in listed), (path, start)
+
+
+def test_lesson_14_quotes_the_lengths_of_training():
+    told = next((ROOT / "notebooks").glob("14_*.ipynb")).read_text("utf-8")
+    short, long = (stored_comparison(f"own_settings_push_t_human{n}").at for n in ("", "_16000"))
+
+    def success(at, method, nfe):
+        return f"{at(method, nfe)['success_95']:.2f}"
+
+    free, paired, reflow = (
+        [success(at, method, nfe) for nfe in (1, 2)]
+        for at, method in ((short, "independent"), (long, "residual"), (short, "reflow"))
+    )
+    assert f"({success(short, 'residual', 2)} against {free[1]})" in told
+    words = f"{paired[0]} and {free[0]} at one, "
+    words += f"{paired[1]} and {free[1]} at two. "
+    assert f"Each after its own length they are level: {words}" in told
+    assert "costs more than two trainings: {} and {}.".format(*reflow) in told
