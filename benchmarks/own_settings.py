@@ -9,9 +9,8 @@ rolled out once from the starts that the tables report. All networks predict the
     python benchmarks/own_settings.py push-t
 
 writes benchmarks/results/own_settings_push_t/ and data/results/own_settings_push_t.json. An
-interrupted run goes on, and two can work side by side on other methods or seeds. Reflow trains its
-teacher, too: with half of the steps (--steps, and names that end in their number) it costs 1.3 to
-1.7 times as much as the others.
+interrupted run goes on, and two can work side by side on other methods or seeds. With --steps a
+training has another number of steps, and the names end in it.
 """
 
 import argparse

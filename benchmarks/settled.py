@@ -10,8 +10,8 @@ rolled out from the starts that the tables report.
 
     python benchmarks/settled.py push-t
 
-needs the weights and cells of own_settings.py, and writes data/results/settled_push_t.json. An
-interrupted run goes on.
+needs the weights and cells of own_settings.py, and writes data/results/settled_push_t.json. Those
+of another length end in its steps: push-t-30000. An interrupted run goes on.
 """
 
 import argparse
