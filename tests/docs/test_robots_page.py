@@ -131,17 +131,28 @@ def test_lessons_quote_the_settled_policies():
     def said(lesson):
         return next((ROOT / "notebooks").glob(f"{lesson}_*.ipynb")).read_text("utf-8")
 
-    arm, one, two = "arm_ring_receding", "ddim-1-trailing", "ddim-2-trailing"
-    told = [
-        f"{words} {mean(arm, method, first)} and {mean(arm, method, second)}"
-        for words, method, first, second in (
-            ("independent pairs", "independent", "euler-1", "euler-2"),
-            ("residual ones", "residual", "euler-1", "euler-2"),
-            ("DDIM on them", "diffusion_residual", one, two),
-            ("naive OT", "minibatch_ot", "euler-1", "euler-2"),
-        )
-    ]
-    assert "{}, {}, {}; {}".format(*told) in said("10")
+    arm, one = "arm_ring_receding", "ddim-1-trailing"
+    longer = functools.partial(mean, f"{arm}_12000")
+    free, paired = "independent", "residual"
+    own = [longer(m, k, "without") for m, k in ((paired, "euler-1"), (free, "euler-1"))]
+    own.append(longer("diffusion", one, "without"))
+    words = "one evaluation has {} on residual pairs, {} and {} without".format(*own)
+    assert f"After 12,000 steps (two networks), with own settings (08), {words}" in said("10")
+    names = arm, f"{arm}_12000"
+    words = " to ".join(mean(name, "mean_flow", "jump-2", "without") for name in names)
+    assert f"at two MeanFlow rises from {words}." in said("10")
+    both = (f"{longer(m, 'euler-1')} and {longer(m, 'euler-2')}" for m in (paired, free))
+    assert "flows on residual pairs have {}, on independent ones {} (".format(*both) in said("10")
+    both = longer("diffusion_residual", one), longer("diffusion", one)
+    assert "the arm with twice the steps {} and {})".format(*both) in said("13")
+    words = longer("diffusion_residual", one, "without")
+    assert f"on the arm DDIM on pairs has {words} with twice the steps" in said("13")
+    pixels = stored_comparison("own_settings_push_t_pixels_12000").at
+    flow, clusters = (
+        " and ".join(f"{pixels(method, nfe)['success_95']:.2f}" for nfe in (1, 2))
+        for method in (free, paired)
+    )
+    assert f"a flow has {flow} at one and two, on clusters {clusters};" in said("11")
     tasks = (arm, "push_t_human", "push_t")
     paired, free = (
         "{}, {} and {}".format(*(mean(task, method, one) for task in tasks))
@@ -154,12 +165,9 @@ def test_lessons_quote_the_settled_policies():
     assert "*Reflow*, at more cost, has {} and {}.".format(*both) in said("10")
     people = functools.partial(mean, "push_t_human")
     flow = people("independent", "euler-1")
-    assert f"DDIM has {paired} with them, {free} without (people's with a flow {flow})" in said(
+    assert f"DDIM has {paired} with them, {free} without (people's with a flow {flow}; " in said(
         "13"
     )
-    for name, steps in ((arm, 3000), ("push_t_human", 4000), ("push_t", 7500)):
-        row = stored_comparison(f"own_settings_{name}_{steps}").at("reflow", 1)
-        assert f"{row.get('success', row.get('success_95')):.3g}" in said("13")
     why = json.loads((ROOT / "data/results/last_plan_why.json").read_text("utf-8"))["cells"]
     for guess in ("regression", "another episode's"):
         each = {"independent": [], "diffusion": []}
