@@ -26,7 +26,7 @@ TASKS = {
 #: What was settled after twice the steps.
 LONGER = "arm_ring_receding_12000", "arm, planning again, 12,000 steps"
 #: Steps of a training, in those of the task.
-LENGTHS = 0.5, 1.0, 2.0, 4.0
+LENGTHS = 0.5, 1.0, 2.0
 
 
 def short(value: float, digits: int = 3) -> str:
@@ -82,15 +82,14 @@ def lengths() -> Iterator[list[str]]:
 
 def preferred(found: dict[float, Values]) -> float:
     """Of half, once and twice the steps, what has most successes by networks that all have."""
-    compared = {length: row for length, row in found.items() if length <= 2}
-    shared = set.intersection(*(set(row["seeds"]) for row in compared.values()))
+    shared = set.intersection(*(set(row["seeds"]) for row in found.values()))
 
     def explored(length: float) -> float:
-        row = compared[length]
+        row = found[length]
         each = zip(row["seeds"], row["explored_of_seeds"], strict=True)
         return sum(value for seed, value in each if seed in shared)
 
-    return max(compared, key=explored)
+    return max(found, key=explored)
 
 
 def told(row: Values, *, bold: bool) -> str:

@@ -211,5 +211,5 @@ def test_lesson_14_quotes_the_lengths_of_training():
     assert f"({success(short, 'residual', 2)} against {free[1]})" in told
     words = f"{paired[0]} and {free[0]} at one, "
     words += f"{paired[1]} and {free[1]} at two. "
-    assert f"Each after its own length they are level: {words}" in told
-    assert "costs more than two trainings: {} and {}.".format(*reflow) in told
+    assert f"Each after its own length, residual and independent pairs are level: {words}" in told
+    assert "leads, at more cost: {} and {}.".format(*reflow) in told

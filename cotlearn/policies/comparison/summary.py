@@ -70,31 +70,25 @@ def summarise(folder: Path, path: Path, *, command: str) -> dict[str, Any]:
 
 
 def _row(cells: Cells, method: str, sampler: str) -> dict[str, Any]:
-    """Means, the value of every seed, and intervals.
-
-    Wilson's for the successes of one network, a bootstrap over seeds and episodes for the mean.
-    """
+    """Means, values of seeds, intervals: Wilson's of one network, bootstrapped of the mean."""
     scores = [cell["samplers"][sampler] for cell in cells.values()]
     row: dict[str, Any] = {"method": method, "sampler": sampler, "nfe": scores[0]["nfe"]}
     row["seeds"] = list(cells)
     for name in scores[0]["outcomes"]:
         values = np.array([score["outcomes"][name] for score in scores])
-        row[name], *interval = paired_bootstrap(values, np.zeros_like(values))
-        row[f"{name}_interval"] = interval
+        row[name], *row[f"{name}_interval"] = paired_bootstrap(values, np.zeros_like(values))
         row[f"{name}_of_seeds"] = values.mean(axis=1).round(4).tolist()
         if np.isin(values, (0, 1)).all():
             row[f"{name}_wilson"] = [wilson_interval(int(v.sum()), len(v)) for v in values]
     for name in [name for name in ("execute", "temperature") if name in scores[0]]:
         row[f"{name}_of_seeds"] = [score[name] for score in scores]
     if "tried" in scores[0]:
-        last = [score["tried"]["temperature"].values() for score in scores]
-        row["explored_of_seeds"] = [max(success for success, _ in tried) for tried in last]
+        row["explored_of_seeds"] = [max(s["tried"]["temperature"].values())[0] for s in scores]
     for name in ("energy_score", "mode_entropy", "latency_ms"):
         each = [score[name] for score in scores]
         row[name], row[f"{name}_of_seeds"] = float(np.mean(each)), each
-    for name in ("steps", "jerk"):
-        row[name] = float(np.mean([score["summary"][name] for score in scores]))
-    return row
+    means = [score["summary"] for score in scores]
+    return row | {name: float(np.mean([one[name] for one in means])) for name in ("steps", "jerk")}
 
 
 def _compare(cells: Cells, sampler: str, reference: Cells) -> dict[str, Any] | None:
