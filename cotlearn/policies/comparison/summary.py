@@ -82,7 +82,7 @@ def _row(cells: Cells, method: str, sampler: str) -> dict[str, Any]:
             row[f"{name}_wilson"] = [wilson_interval(int(v.sum()), len(v)) for v in values]
     for name in [name for name in ("execute", "temperature") if name in scores[0]]:
         row[f"{name}_of_seeds"] = [score[name] for score in scores]
-    if "tried" in scores[0]:
+    if "execute" in scores[0]:  # with own settings
         row["explored_of_seeds"] = [max(s["tried"]["temperature"].values())[0] for s in scores]
     for name in ("energy_score", "mode_entropy", "latency_ms"):
         each = [score[name] for score in scores]
