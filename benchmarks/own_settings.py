@@ -9,8 +9,8 @@ rolled out once from the starts that the tables report. All networks predict the
     python benchmarks/own_settings.py push-t
 
 writes benchmarks/results/own_settings_push_t/ and data/results/own_settings_push_t.json. An
-interrupted run goes on, and two can work side by side on other methods or seeds. With --steps a
-training has another number of steps, and the names end in it.
+interrupted run goes on, and two can work side by side on other methods or seeds. With --steps or
+--rate a training has another number of steps or another learning rate, and the names end in it.
 """
 
 import argparse
@@ -64,10 +64,14 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=200)
     parser.add_argument("--trials", type=int, default=TRIALS, help="that make a choice")
     parser.add_argument("--steps", type=int, help="of a training, if not those of the task")
+    parser.add_argument("--rate", type=float, help="learning rate, if not that of the task")
     asked = parser.parse_args()
-    name = f"own_settings_{asked.task.replace('-', '_')}" + f"_{asked.steps}" * bool(asked.steps)
+    name, options = f"own_settings_{asked.task.replace('-', '_')}", {"prediction": "data"}
+    if asked.steps:
+        name, options = f"{name}_{asked.steps}", {**options, "steps": asked.steps}
+    if asked.rate:
+        name, options = f"{name}_rate_{asked.rate:g}", {**options, "learning_rate": asked.rate}
     folder, weights = Path(__file__).parent / "results" / name, Path("build") / name
-    options = {"prediction": "data"} | ({"steps": asked.steps} if asked.steps else {})
     setting, episodes = policies.setting(asked.task, options, asked.data)
     training, held = split(episodes, held_out=setting.held_out)
     sizes = None, setting.held_out, asked.episodes
