@@ -9,8 +9,9 @@ rolled out once from the starts that the tables report. All networks predict the
     python benchmarks/own_settings.py push-t
 
 writes benchmarks/results/own_settings_push_t/ and data/results/own_settings_push_t.json. An
-interrupted run goes on, and two can work side by side on other methods or seeds. With --steps or
---rate a training has another number of steps or another learning rate, and the names end in it.
+interrupted run goes on, and two can work side by side on other methods or seeds. With --steps,
+--rate or --frame a training has another number of steps, learning rate or frame; with --midpoint
+flows are sampled by one midpoint step. The names end in it.
 """
 
 import argparse
@@ -65,13 +66,20 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=TRIALS, help="that make a choice")
     parser.add_argument("--steps", type=int, help="of a training, if not those of the task")
     parser.add_argument("--rate", type=float, help="learning rate, if not that of the task")
+    parser.add_argument("--frame", help="of observations and plans, if not that of the task")
+    parser.add_argument("--midpoint", action="store_true", help="two evaluations of flows")
     asked = parser.parse_args()
     name, options = f"own_settings_{asked.task.replace('-', '_')}", {"prediction": "data"}
     if asked.steps:
         name, options = f"{name}_{asked.steps}", {**options, "steps": asked.steps}
     if asked.rate:
         name, options = f"{name}_rate_{asked.rate:g}", {**options, "learning_rate": asked.rate}
-    folder, weights = Path(__file__).parent / "results" / name, Path("build") / name
+    if asked.frame:
+        name, options = f"{name}_{asked.frame}", {**options, "frame": asked.frame}
+    weights = Path("build") / name
+    if asked.midpoint:
+        name = f"{name}_midpoint"
+    folder = Path(__file__).parent / "results" / name
     setting, episodes = policies.setting(asked.task, options, asked.data)
     training, held = split(episodes, held_out=setting.held_out)
     sizes = None, setting.held_out, asked.episodes
@@ -95,7 +103,10 @@ def main() -> None:
         method, _, seed = cell.rpartition("-")
         policy, found = trained(method, int(seed)), {}
         data = policy.windows.dataset(held, label=setting.options.label)
-        of_nfe = {sampler.nfe: sampler for sampler in reversed(policy.sampler.variants)}
+        variants = {sampler.name: sampler for sampler in reversed(policy.sampler.variants)}
+        of_nfe = {sampler.nfe: sampler for sampler in variants.values()}
+        if asked.midpoint:
+            of_nfe = {2: variants["midpoint-2"]}
         for nfe in EVALUATIONS:
             if nfe in of_nfe:
                 own, chosen = choose(policy.with_sampler(of_nfe[nfe]), asked.trials)

@@ -1,4 +1,4 @@
-"""Writes three tables into the page of the robots: own settings, lengths of training, settled.
+"""Writes tables into the page of the robots: own settings, lengths and rates of training, settled.
 
     python benchmarks/robots_page.py
 
@@ -25,8 +25,9 @@ TASKS = {
 }
 #: What was settled after twice the steps.
 LONGER = "arm_ring_receding_12000", "arm, planning again, 12,000 steps"
-#: Steps of a training, in those of the task.
-LENGTHS = 0.5, 1.0, 2.0
+#: What a training can have another of, in that of the task: its files, and the columns.
+LENGTHS = "steps", r"(_\d+)?", (0.5, 1.0, 2.0)
+RATES = "learning_rate", r"(_rate_[\d.]+)?", (1.0, 3.0)
 
 
 def short(value: float, digits: int = 3) -> str:
@@ -59,33 +60,33 @@ def own_settings() -> Iterator[list[str]]:
             ]
 
 
-def lengths() -> Iterator[list[str]]:
-    """Rows of the table of lengths of training; the one that exploration prefers is bold."""
+def trained(option: str, ending: str, columns: tuple[float, ...]) -> Iterator[list[str]]:
+    """Rows of the table of trainings with another option; what exploration prefers is bold."""
     for name, (task, _) in TASKS.items():
         usual, *others = (
             stored_comparison(path.stem)
             for path in sorted(RESULTS.glob(f"own_settings_{name}*.json"))
-            if re.fullmatch(r"(_\d+)?", path.stem.removeprefix(f"own_settings_{name}"))
+            if re.fullmatch(ending, path.stem.removeprefix(f"own_settings_{name}"))
         )
-        steps = usual.about["protocol"]["options"]["steps"]
+        of_task = usual.about["protocol"]["options"][option]
         for key, row in usual.rows.items():
             found = {1.0: row} | {
-                other.about["protocol"]["options"]["steps"] / steps: other.rows[key]
+                round(other.about["protocol"]["options"][option] / of_task, 6): other.rows[key]
                 for other in others
                 if key in other.rows
             }
             if len(found) > 1:
                 best = preferred(found)
-                cells = (told(found[k], bold=k == best) if k in found else "" for k in LENGTHS)
+                cells = (told(found[k], bold=k == best) if k in found else "" for k in columns)
                 yield [task, label_of(key[0]), str(row["nfe"]), *cells]
 
 
 def preferred(found: dict[float, Values]) -> float:
-    """Of half, once and twice the steps, what has most successes by networks that all have."""
+    """The ratio to the task's option with most successes, by networks that all have."""
     shared = set.intersection(*(set(row["seeds"]) for row in found.values()))
 
-    def explored(length: float) -> float:
-        row = found[length]
+    def explored(ratio: float) -> float:
+        row = found[ratio]
         each = zip(row["seeds"], row["explored_of_seeds"], strict=True)
         return sum(value for seed, value in each if seed in shared)
 
@@ -129,8 +130,13 @@ def settled() -> Iterator[list[str]]:
 def main() -> None:
     """Replaces the rows of the tables."""
     page = PAGE.read_text("utf-8")
-    tables = {"Own settings": own_settings(), "Length of training": lengths()}
-    for heading, rows in (tables | {"Settled": settled()}).items():
+    tables = {
+        "Own settings": own_settings(),
+        "Length of training": trained(*LENGTHS),
+        "Learning rate": trained(*RATES),
+        "Settled": settled(),
+    }
+    for heading, rows in tables.items():
         begin = page.index("|---", page.index(f"## {heading}\n"))
         begin, end = page.index("\n", begin) + 1, page.index("\n\n", begin) + 1
         text = "".join(f"| {' | '.join(row)} |\n" for row in rows)
