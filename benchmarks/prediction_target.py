@@ -3,7 +3,7 @@
 A factorial in 2D, where the floor is known: flows on the straight path and diffusion models on the
 variance-preserving one (DDIM, trailing), every target that can be sampled in one step and the
 noise beside them, with independent, naive and conditional pairs. Same network, batches, steps and
-seeds. The score is squared W2 for each condition, averaged.
+seeds. The score is squared W2 for each condition, averaged; also with less noise at the start.
 
     python benchmarks/prediction_target.py
 
@@ -11,6 +11,7 @@ writes data/results/prediction_target.json. An interrupted run goes on.
 """
 
 import math
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -25,7 +26,7 @@ from cotlearn.flows.diffusion import Diffusion
 from cotlearn.mixtures import petals, rotating_pair
 
 SETTING = {"steps": 2000, "batch_size": 256, "ot_batch_size": 256, "width": 128, "depth": 3}
-SEEDS, EVALUATIONS = range(3), (1, 2, 4, 16)
+SEEDS, EVALUATIONS, COOLED = range(3), (1, 2, 4, 16), (0.8, 0.6)
 DATA: dict[str, Any] = {"petals": petals(), "rotating_pair": rotating_pair()}
 ROWS = 8192  #: of `rotating_pair`, for strata
 MODELS = (
@@ -70,17 +71,17 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
         progress=False,
     ).network
 
-    def draw(c: Tensor, nfe: int, generator: torch.Generator | None) -> Tensor:
-        x0 = torch.randn(len(c), 2, generator=generator)
+    def draw(nfe: int, temperature: float, c: Tensor, generator: torch.Generator) -> Tensor:
+        x0 = temperature * torch.randn(len(c), 2, generator=generator)
         if flow:
             return integrate(velocity_of(trained, key["target"]), x0, c, nfe=nfe).x1
         return diffusion.ddim(trained, x0, c, nfe=nfe, spacing="trailing")
 
-    scores = {
-        str(nfe): score(lambda c, generator=None, nfe=nfe: draw(c, nfe, generator), data, seed)
-        for nfe in EVALUATIONS
-    }
-    return {"squared_w2": scores}
+    def scores(temperature: float) -> dict[str, float]:
+        return {str(k): score(partial(draw, k, temperature), data, seed) for k in EVALUATIONS}
+
+    cooled = {str(temperature): scores(temperature) for temperature in COOLED}
+    return {"squared_w2": scores(1.0), "squared_w2_cooled": cooled}
 
 
 def main() -> None:

@@ -94,9 +94,10 @@ def preferred(found: dict[float, Values]) -> float:
 
 
 def told(row: Values, *, bold: bool) -> str:
-    """The successes of each network."""
+    """The successes of each network, and where there is one their mean coverage."""
     each = row["success_of_seeds" if "success" in row else "success_95_of_seeds"]
-    return "**" * bold + ", ".join(short(value) for value in each) + "**" * bold
+    covered = f" ({short(row['coverage'], 2)})" if "coverage" in row else ""
+    return "**" * bold + ", ".join(short(value) for value in each) + "**" * bold + covered
 
 
 def settled() -> Iterator[list[str]]:
