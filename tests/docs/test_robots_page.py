@@ -227,4 +227,12 @@ def test_lesson_14_quotes_the_lengths_of_training():
     words = f"{paired[0]} and {free[0]} at one, "
     words += f"{paired[1]} and {free[1]} at two. "
     assert f"Each after its own length, residual and independent pairs are level: {words}" in told
-    assert "leads, at more cost: {} and {}.".format(*reflow) in told
+    words = "leads in success, at more cost: {} and {} (coverage {} and {})"
+    covered = [f"{short('reflow', nfe)['coverage']:.2f}" for nfe in (1, 2)]
+    assert words.format(*reflow, *covered) in told
+    one, two = (
+        [f"{at(m, nfe)['coverage']:.2f}" for at, m in ((long, "residual"), (short, "independent"))]
+        for nfe in (1, 2)
+    )
+    assert one[0] == one[1]
+    assert f"(Coverage: {one[0]} each at one, {two[0]} and {two[1]} at two.)" in told
