@@ -155,11 +155,9 @@ def test_lessons_quote_the_settled_policies():
     words = longer("diffusion_residual", one, "without")
     assert f"on the arm DDIM on pairs has {words} with twice the steps" in said("13")
     pixels = stored_comparison("own_settings_push_t_pixels_12000").at
-    flow, clusters = (
-        " and ".join(f"{pixels(method, nfe)['success_95']:.2f}" for nfe in (1, 2))
-        for method in (free, paired)
-    )
-    assert f"a flow has {flow} at one and two, on clusters {clusters};" in said("11")
+    at = [f"{pixels(m, 16)['success_95']:.2f}" for m in (paired, free)]
+    at += [f"{pixels(m, 16)['success_95']:.2f}" for m in ("diffusion_residual", "diffusion")]
+    assert "cost at 16 ({} against {}, DDIM {} against {})".format(*at) in said("11")
     tasks = (arm, "push_t_human", "push_t")
     paired, free = (
         "{}, {} and {}".format(*(mean(task, method, one) for task in tasks))
