@@ -50,7 +50,8 @@ def summarise(folder: Path, path: Path, *, command: str) -> dict[str, Any]:
     for method, of_seed in cells.items():
         for name in next(iter(of_seed.values()))["samplers"]:
             row = _row(of_seed, method, name)
-            if reference := cells.get(REFERENCE[0]):
+            reference = cells.get(REFERENCE[0], {})
+            if any(REFERENCE[1] in cell["samplers"] for cell in reference.values()):
                 row["against_reference"] = _compare(of_seed, name, reference)
             rows.append(row)
     demonstrated = folder / DEMONSTRATED
