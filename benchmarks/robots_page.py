@@ -1,4 +1,4 @@
-"""Writes tables into the page of the robots: own settings, lengths and rates of training, settled.
+"""Writes tables into the page of the robots: own settings, other trainings, settled.
 
     python benchmarks/robots_page.py
 
@@ -81,6 +81,15 @@ def trained(option: str, ending: str, columns: tuple[float, ...]) -> Iterator[li
                 yield [task, label_of(key[0]), str(row["nfe"]), *cells]
 
 
+def frames() -> Iterator[list[str]]:
+    """Rows of the table of the arm in the frame of the world and in that of the goal."""
+    name = "arm_ring_receding"
+    world, goal = (stored_comparison(f"own_settings_{name}{ending}") for ending in ("", "_goal"))
+    for key, row in goal.rows.items():
+        cells = (told(each, bold=False) for each in (world.rows[key], row))
+        yield [TASKS[name][0], label_of(key[0]), str(row["nfe"]), *cells]
+
+
 def preferred(found: dict[float, Values]) -> float:
     """The ratio to the task's option with most successes, by networks that all have."""
     shared = set.intersection(*(set(row["seeds"]) for row in found.values()))
@@ -135,6 +144,7 @@ def main() -> None:
         "Own settings": own_settings(),
         "Length of training": trained(*LENGTHS),
         "Learning rate": trained(*RATES),
+        "Frame of the goal": frames(),
         "Settled": settled(),
     }
     for heading, rows in tables.items():

@@ -5,6 +5,8 @@ import json
 import re
 from pathlib import Path
 
+import pytest
+
 from cotlearn.plots import label_of
 from cotlearn.policies.comparison.stored import stored_comparison
 
@@ -183,31 +185,36 @@ def test_lessons_quote_the_settled_policies():
         assert f"({flow} and {ddim}" in said("08")
 
 
-def test_the_table_of_lengths_is_that_of_the_files():
-    page = PAGE.read_text("utf-8").split("## Length of training")[1].split("\n## ")[0]
+@pytest.mark.parametrize(
+    ("section", "ending"),
+    [
+        ("Length of training", r"_\d+$"),
+        ("Learning rate", r"_rate_[\d.]+$"),
+        ("Frame of the goal", r"_goal$"),
+    ],
+)
+def test_the_tables_of_other_trainings_are_those_of_the_files(section, ending):
+    page = PAGE.read_text("utf-8").split(f"## {section}")[1].split("\n## ")[0]
     listed = [
         line.replace("*", "").strip("| ").split(" | ") for line in page.splitlines() if "|" in line
     ]
-    files = [
-        path
-        for path in sorted((ROOT / "data/results").glob("own_settings_*.json"))
-        if re.search(r"_\d+$", path.stem)
-    ]
-    assert len(files) > 4
+    stems = [path.stem for path in (ROOT / "data/results").glob("own_settings_*.json")]
+    stems = [stem for stem in stems if re.search(ending, stem)]
+    assert stems
     tasks = {
         "own_settings_push_t": "Push-T, planned",
         "own_settings_push_t_pixels": "Push-T from pixels",
         "own_settings_push_t_human": "Push-T, people",
         "own_settings_arm_ring_receding": "arm, planning again",
     }
-    for path in files:
-        for (method, _), row in stored_comparison(path.stem).rows.items():
+    for stem in stems:
+        for (method, _), row in stored_comparison(stem).rows.items():
             each = row["success_of_seeds" if "success" in row else "success_95_of_seeds"]
             told = ", ".join(f"{value:.3f}".removeprefix("0") for value in each)
             if "coverage" in row:
                 told += f" ({row['coverage']:.2f})".replace("(0", "(")
-            start = [tasks[path.stem.rpartition("_")[0]], label_of(method), str(row["nfe"])]
-            assert any(one[:3] == start and told in one[3:] for one in listed), (path, start)
+            start = [tasks[re.sub(ending, "", stem)], label_of(method), str(row["nfe"])]
+            assert any(one[:3] == start and told in one[3:] for one in listed), (stem, start)
 
 
 def test_lesson_14_quotes_the_lengths_of_training():
