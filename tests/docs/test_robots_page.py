@@ -152,6 +152,15 @@ def test_lessons_quote_the_settled_policies():
     assert f"at two MeanFlow rises from {words}." in said("10")
     both = (f"{longer(m, 'euler-1')} and {longer(m, 'euler-2')}" for m in (paired, free))
     assert "flows on residual pairs have {}, on independent ones {} (".format(*both) in said("10")
+    goal = stored_comparison("own_settings_arm_ring_receding_goal").at
+    rows = ("residual", "diffusion_residual", "independent", "diffusion", "mean_flow")
+    two = [f"{goal(method, 2)['success']:.2f}" for method in rows]
+    words = "{} and {} on residual pairs, {} and {} without, MeanFlow {}; at two "
+    words = words.format(*(f"{goal(method, 1)['success']:.2f}" for method in rows))
+    words += "{} and {}, {} and {}, MeanFlow {}. ".format(*two)
+    assert f"In the *goal's* frame, after 6,000, flow and DDIM have {words}" in said("10")
+    words = f"in the goal's frame {goal('diffusion_residual', 1)['success']:.2f}, like MeanFlow"
+    assert words in said("13")
     both = longer("diffusion_residual", one), longer("diffusion", one)
     assert "the arm with twice the steps {} and {})".format(*both) in said("13")
     words = longer("diffusion_residual", one, "without")
