@@ -152,6 +152,11 @@ def test_lessons_quote_the_settled_policies():
     assert f"at two MeanFlow rises from {words}." in said("10")
     both = (f"{longer(m, 'euler-1')} and {longer(m, 'euler-2')}" for m in (paired, free))
     assert "flows on residual pairs have {}, on independent ones {} (".format(*both) in said("10")
+    rate = stored_comparison("own_settings_arm_ring_receding_rate_0.003").at
+    one_each = [rate(method, 1)["success"] for method in (free, paired, "mean_flow", "diffusion")]
+    assert max(one_each) - min(one_each) < 0.03
+    words = [f"{rate(method, 2)['success']:.2f}" for method in ("mean_flow", paired)]
+    assert "MeanFlow has {} at two, residual pairs {}.".format(*words) in said("10")
     goal = stored_comparison("own_settings_arm_ring_receding_goal").at
     rows = ("residual", "diffusion_residual", "independent", "diffusion", "mean_flow")
     two = [f"{goal(method, 2)['success']:.2f}" for method in rows]
