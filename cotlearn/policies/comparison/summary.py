@@ -50,9 +50,8 @@ def summarise(folder: Path, path: Path, *, command: str) -> dict[str, Any]:
     for method, of_seed in cells.items():
         for name in next(iter(of_seed.values()))["samplers"]:
             row = _row(of_seed, method, name)
-            reference = cells.get(REFERENCE[0], {})
-            if any(REFERENCE[1] in cell["samplers"] for cell in reference.values()):
-                row["against_reference"] = _compare(of_seed, name, reference)
+            if any(REFERENCE[1] in one["samplers"] for one in cells.get(REFERENCE[0], {}).values()):
+                row["against_reference"] = _compare(of_seed, name, cells[REFERENCE[0]])
             rows.append(row)
     demonstrated = folder / DEMONSTRATED
     entropy = read_json(demonstrated)["mode_entropy"] if demonstrated.is_file() else None
