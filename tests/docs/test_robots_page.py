@@ -151,7 +151,9 @@ def test_lessons_quote_the_settled_policies():
     words = " to ".join(mean(name, "mean_flow", "jump-2", "without") for name in names)
     assert f"at two MeanFlow rises from {words}." in said("10")
     both = (f"{longer(m, 'euler-1')} and {longer(m, 'euler-2')}" for m in (paired, free))
-    assert "flows on residual pairs have {}, on independent ones {} (".format(*both) in said("10")
+    assert "flows on residual pairs then have {}, on independent ones {} (".format(*both) in said(
+        "10"
+    )
     rate = stored_comparison("own_settings_arm_ring_receding_rate_0.003").at
     one_each = [rate(method, 1)["success"] for method in (free, paired, "mean_flow", "diffusion")]
     assert max(one_each) - min(one_each) < 0.03
@@ -162,7 +164,7 @@ def test_lessons_quote_the_settled_policies():
     two = [f"{goal(method, 2)['success']:.2f}" for method in rows]
     words = "{} and {} on residual pairs, {} and {} without, MeanFlow {}; at two "
     words = words.format(*(f"{goal(method, 1)['success']:.2f}" for method in rows))
-    words += "{} and {}, {} and {}, MeanFlow {}. ".format(*two)
+    words += "{} and {}, {} and {}, MeanFlow {}.".format(*two)
     assert f"In the *goal's* frame, after 6,000, flow and DDIM have {words}" in said("10")
     words = f"in the goal's frame {goal('diffusion_residual', 1)['success']:.2f}, like MeanFlow"
     assert words in said("13")
