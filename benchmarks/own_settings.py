@@ -106,6 +106,8 @@ def main() -> None:
         variants = {sampler.name: sampler for sampler in reversed(policy.sampler.variants)}
         of_nfe = {sampler.nfe: sampler for sampler in variants.values()}
         if asked.midpoint:
+            if "midpoint-2" not in variants:
+                raise ValueError(f"--midpoint needs a flow, got the method {method}")
             of_nfe = {2: variants["midpoint-2"]}
         for nfe in EVALUATIONS:
             if nfe in of_nfe:

@@ -188,9 +188,8 @@ def test_lessons_quote_the_settled_policies():
     assert "*Reflow*, at more cost, has {} and {}.".format(*both) in said("10")
     people = functools.partial(mean, "push_t_human")
     flow = people("independent", "euler-1")
-    assert f"DDIM has {paired} with them, {free} without (people's with a flow {flow}; " in said(
-        "13"
-    )
+    words = f"DDIM has {paired} with them, {free} without (a flow without them {flow} on people's; "
+    assert words in said("13")
     why = json.loads((ROOT / "data/results/last_plan_why.json").read_text("utf-8"))["cells"]
     for guess in ("regression", "another episode's"):
         each = {"independent": [], "diffusion": []}
@@ -231,6 +230,36 @@ def test_the_tables_of_other_trainings_are_those_of_the_files(section, ending):
                 told += f" ({row['coverage']:.2f})".replace("(0", "(")
             start = [tasks[re.sub(ending, "", stem)], label_of(method), str(row["nfe"])]
             assert any(one[:3] == start and told in one[3:] for one in listed), (stem, start)
+
+
+def test_page_and_how_to_quote_other_frames_and_rates():
+    told = (ROOT / "docs/how_to/choose_a_policy.md").read_text("utf-8")
+    page = PAGE.read_text("utf-8")
+    goal, rate, longer = (
+        stored_comparison(f"own_settings_{name}").at
+        for name in (
+            "arm_ring_receding_goal",
+            "arm_ring_receding_rate_0.003",
+            "push_t_pixels_12000",
+        )
+    )
+
+    def short(at, method, nfe):
+        row = at(method, nfe)
+        return f"{row.get('success', row.get('success_95')):.3f}".rstrip("0").removeprefix("0")
+
+    jump, free = short(goal, "mean_flow", 2), short(goal, "independent", 2)
+    assert f"in the goal's MeanFlow has {jump} with own settings (three networks)" in told
+    assert f"independent pairs {free} (with the velocity" in told
+    assert f"At two MeanFlow leads with {jump}" in page
+    assert f"a learning rate of .003 ({short(rate, 'mean_flow', 2)})" in told
+    assert f"it rises from .715 to {short(rate, 'mean_flow', 1)} at one" in page
+    flow = " at one and ".join(short(longer, "independent", nfe) for nfe in (1, 2))
+    paired = " and ".join(short(longer, "residual", nfe) for nfe in (1, 2))
+    assert (
+        f"From pixels (two networks) flows have {flow} at two, on clusters of pixels {paired};"
+        in told
+    )
 
 
 def test_lesson_14_quotes_the_lengths_of_training():
