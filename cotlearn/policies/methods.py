@@ -159,12 +159,19 @@ ADAPTIVE = Method(
 MEAN_FLOW = Method(
     "mean_flow",
     "mean velocities by a forward-mode product (MeanFlow)",
-    loss=lambda options: MeanFlow(uniform=True),
-    sampler=lambda options, clip: samplers.JumpSampler(),
+    loss=lambda options: MeanFlow(uniform=True, prediction=options.prediction),
+    sampler=lambda options, clip: samplers.JumpSampler(prediction=options.prediction),
     predictions=("velocity",),
     network=MeanVelocity,
     columns=1,
     cost=4 / 3,
+)
+#: A row of its own, because all stored tables of "mean_flow" predict velocities.
+MEAN_FLOW_DATA = replace(
+    MEAN_FLOW,
+    name="mean_flow_data",
+    description="as mean_flow, but the network predicts the chunk (pMF)",
+    predictions=("data",),
 )
 SHORTCUT = replace(
     MEAN_FLOW,
@@ -233,6 +240,7 @@ _ROWS = (
         prepare=functools.partial(_distil, inverted=True),
     ),
     *(row for method in (ADAPTIVE, MEAN_FLOW, SHORTCUT) for row in (method, _on_residuals(method))),
+    MEAN_FLOW_DATA,
     Method(
         "two_passes",
         "regression that refines its answer once (MIP)",

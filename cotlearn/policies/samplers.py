@@ -167,20 +167,23 @@ class JumpSampler(Sampler):
 
     Attributes:
         nfe: evaluations of the network for a chunk.
+        prediction: of the network, see `MeanFlow`.
     """
 
     method = "jump"
     family = "mean velocity"
     nfe: int = 16
+    prediction: str = "velocity"
 
     @property
     def variants(self) -> list[Sampler]:
         """With 1 to 16 evaluations."""
-        return [JumpSampler(nfe) for nfe in (1, 2, 4, 16)]
+        return [replace(self, nfe=nfe) for nfe in (1, 2, 4, 16)]
 
     def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
         """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
-        return jump(cast(MeanVelocity, network), noise[0], c, nfe=self.nfe)
+        mean = cast(MeanVelocity, network)
+        return jump(mean, noise[0], c, nfe=self.nfe, prediction=self.prediction)
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,13 @@ class Exact:
 def slope(loss, error, pairs):
     """Of the mean loss in the error of the mean velocity."""
     error = torch.tensor(error, dtype=torch.float64, requires_grad=True)
-    return torch.autograd.grad(1e6 * loss(Exact(error), pairs, seeded()).mean(), error)[0]
+    exact = Exact(error)
+
+    def data(t, x, c, length):
+        return x + (1 - t[:, None]) * exact(t, x, c, length)
+
+    network = data if getattr(loss, "prediction", "") == "data" else exact
+    return torch.autograd.grad(1e6 * loss(network, pairs, seeded()).mean(), error)[0]
 
 
 def late(share):
@@ -59,11 +65,14 @@ def late(share):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5])
-@pytest.mark.parametrize("kind", [MeanFlow, partial(MeanFlow, uniform=True), late])
+@pytest.mark.parametrize(
+    "kind",
+    [MeanFlow, partial(MeanFlow, uniform=True), partial(MeanFlow, prediction="data"), late],
+)
 def test_the_mean_velocity_of_a_gaussian_minimises_the_loss_of_mean_flows(monkeypatch, kind, share):
     monkeypatch.setattr("cotlearn.flows.matching.SOFTENING", 1e6)  # equal weights
     loss, pairs = kind(share), gaussian_pairs(100_000)
-    assert abs(slope(loss, 0.0, pairs)) < 0.05 < 0.3 < slope(loss, 0.3, pairs)
+    assert abs(slope(loss, 0.0, pairs)) < 0.05 < 0.15 < slope(loss, 0.3, pairs)
 
 
 def test_alpha_flow_goes_from_flow_matching_to_mean_flows(monkeypatch):
@@ -136,6 +145,16 @@ def test_one_jump_of_a_trained_network(loss):
         assert 0.15 < drawn.std() < 0.65  # one Euler step of a flow has no spread at all
     flow = integrate(found, torch.randn(4000, 1, generator=seeded(1)), nfe=32).x1
     assert flow.std() == pytest.approx(SPREAD, abs=0.2)
+
+
+def test_one_jump_of_a_network_that_predicts_the_data():
+    x1 = MEAN + SPREAD * torch.randn(4000, 1, generator=seeded())
+    network, loss = VelocityMLP(1, 1, width=64, seed=0), MeanFlow(uniform=True, prediction="data")
+    options = {"steps": 600, "batch_size": 128, "loss": loss}
+    found = fit(MeanVelocity(network), Dataset(x1), Independent(), **options).network
+    drawn = jump(found, torch.randn(4000, 1, generator=seeded(1)), nfe=1, prediction="data")
+    assert drawn.mean() == pytest.approx(MEAN, abs=0.15)
+    assert 0.15 < drawn.std() < 0.65
 
 
 def test_every_loss_trains_on_pairs_of_a_conditional_coupling():
@@ -225,6 +244,7 @@ class _Opaque(nn.Module):
 
 test_bad_input = refused(
     (lambda: MeanFlow(1.5), "share_instant"),
+    (lambda: MeanFlow(prediction="noise"), "prediction"),
     (lambda: AlphaFlow(0), "steps"),
     (lambda: AlphaFlow(9, 1.5), "share_instant"),
     (lambda: Shortcut(-0.1), "share"),

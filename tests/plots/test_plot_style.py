@@ -12,7 +12,7 @@ METHOD_NAMES = {
     *("centred", "semidiscrete", "aligned", "reflow", "reflow_inverted", "mean_flow"),
     *("mean_flow_residual", "shortcut", "shortcut_residual", "two_passes", "diffusion"),
     *("diffusion_residual", "behaviour_cloning", "truth"),
-    *("adaptive_weights", "adaptive_weights_residual"),
+    *("adaptive_weights", "adaptive_weights_residual", "mean_flow_data"),
 }
 
 

@@ -147,7 +147,9 @@ def test_one_look_for_a_chunk(network, windows, episodes):
     assert actions == pytest.approx(expected, abs=1e-3)
 
 
-@pytest.mark.parametrize("method", [*SETTINGS["push-t-pixels"].methods, "mean_flow"])
+@pytest.mark.parametrize(
+    "method", [*SETTINGS["push-t-pixels"].methods, "mean_flow", "mean_flow_data"]
+)
 def test_every_method_trains_and_is_kept(episodes, method, tmp_path):
     made = [train(method, episodes, options=SMALL, progress=False).policy for _ in range(2)]
     weights = zip(*(policy.network.parameters() for policy in made), strict=True)

@@ -320,12 +320,13 @@ def test_steps_that_cost_more_are_fewer(episodes):
     assert two["step"][-1] == one["step"][-1] / 2
 
 
-def test_mean_velocities_are_saved_and_need_the_mlp(episodes, tmp_path):
-    policy = train("mean_flow", episodes, options=SMALL, progress=False).policy
+@pytest.mark.parametrize("method", ["mean_flow", "mean_flow_data"])
+def test_mean_velocities_are_saved_and_need_the_mlp(episodes, tmp_path, method):
+    policy = train(method, episodes, options=SMALL, progress=False).policy
     policy.save(tmp_path / "p.safetensors")
     history = np.repeat(episodes.state[:3, None], 2, axis=1)
     noise = policy.noise(3)
     again = ChunkPolicy.load(tmp_path / "p.safetensors")
     assert (again.act(history, noise=noise) == policy.act(history, noise=noise)).all()
-    with pytest.raises(ValueError, match="mean_flow needs network mlp"):
-        train("mean_flow", episodes, options=replace(SMALL, network="unet"), progress=False)
+    with pytest.raises(ValueError, match=f"{method} needs network mlp"):
+        train(method, episodes, options=replace(SMALL, network="unet"), progress=False)

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor, nn
 
 from cotlearn.couplings.base import Pairs
-from cotlearn.flows.matching import Time, interpolate, squared_error
-from cotlearn.validation import check_count, check_inputs, check_number, check_share
+from cotlearn.flows.matching import PREDICTIONS, Time, interpolate, squared_error
+from cotlearn.validation import check_choice, check_count, check_inputs, check_number, check_share
 
 #: Of log(t / (1 - t)), which has deviation 1. (The paper's -0.4 counts time from the data.)
 LOCATION = 0.4
@@ -53,21 +53,27 @@ class MeanFlow:
     1 / (r - t) satisfy the identity as well. Both times are drawn alike, and sorted. A row of
     squared error e has the weight 1 / (e + 0.01)^power.
 
+    A network that predicts the data (Lu 2601.22158) answers x + (1 - t) u instead of u, and e is
+    the squared error of that answer.
+
     Args:
         share_instant: share of the rows with r = t, in [0, 1].
         power: 1, as in the paper for images; 0 for squared errors. Only with 0 is the best answer
             the mean: in few dimensions, where several answers are far apart, 1 prefers one of them.
         uniform: whether times are uniform in [0, 1], or logit-normal, as in the paper for images.
             Those hardly ever ask for the jump of a single evaluation, from 0 to 1.
+        prediction: "velocity" or "data".
     """
 
     share_instant: float = 0.75
     power: float = 1.0
     uniform: bool = False
+    prediction: str = "velocity"
 
     def __post_init__(self) -> None:
         check_share(self.share_instant, "share_instant")
         check_number(self.power, "power")
+        check_choice(self.prediction, "prediction", PREDICTIONS)
 
     def __call__(self, network: MeanVelocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
         """The weighted squared error of each row, (B,).
@@ -80,14 +86,25 @@ class MeanFlow:
         jumps = length > 0
         c = None if pairs.c is None else pairs.c[jumps]
         at, one = (t[jumps], x[jumps], length[jumps]), torch.ones_like(t[jumps])
-        along = one, v[jumps], -one
+        along, mean = (one, v[jumps], -one), mean_velocity_of(network, self.prediction)
         try:
             with torch.no_grad():  # of the rows that jump, and for the target alone
-                change = torch.func.jvp(lambda t, x, r: network(t, x, c, r), at, along)[1]
+                change = torch.func.jvp(lambda t, x, r: mean(t, x, c, r), at, along)[1]
         except (NotImplementedError, RuntimeError) as error:
             raise TypeError(f"network must allow forward-mode derivatives: {error}") from error
         target = v.index_put((jumps,), v[jumps] + length[jumps, None] * change)
+        if self.prediction == "data":
+            target = x + (1 - t[:, None]) * target
         return squared_error(network(t, x, pairs.c, length), target, self.power)
+
+
+def mean_velocity_of(network: Any, prediction: str = "velocity") -> Any:
+    """The mean velocity u(t, x, c, length), for t below 1, of a network with this prediction."""
+    if check_choice(prediction, "prediction", PREDICTIONS) == "velocity":
+        return network
+    return lambda t, x, c, length: (
+        (network(t, x, c, length) - x) / (1 - torch.as_tensor(t).reshape(-1, 1))
+    )
 
 
 def _starts_and_lengths(loss: Any, pairs: Pairs, rng: torch.Generator) -> tuple[Tensor, Tensor]:
@@ -186,7 +203,14 @@ class Shortcut:
 
 
 @torch.no_grad()
-def jump(network: MeanVelocity, x0: Tensor, c: Tensor | None = None, *, nfe: int) -> Tensor:
+def jump(
+    network: MeanVelocity,
+    x0: Tensor,
+    c: Tensor | None = None,
+    *,
+    nfe: int,
+    prediction: str = "velocity",
+) -> Tensor:
     """Samples (B, d) by nfe equal jumps from noise.
 
     Args:
@@ -194,6 +218,7 @@ def jump(network: MeanVelocity, x0: Tensor, c: Tensor | None = None, *, nfe: int
         x0: (B, d) noise.
         c: (B, k), or None.
         nfe: evaluations of the network.
+        prediction: of the network, see `MeanFlow`.
 
     Raises:
         TypeError: the network is not a `MeanVelocity`.
@@ -201,6 +226,7 @@ def jump(network: MeanVelocity, x0: Tensor, c: Tensor | None = None, *, nfe: int
     if not isinstance(network, MeanVelocity):
         raise TypeError(f"network must be a MeanVelocity, got {type(network).__name__}")
     c, x = check_inputs(network, x0, c, "x0"), x0
+    mean = mean_velocity_of(network, prediction)
     for step in range(check_count(nfe, "nfe")):
-        x = x + network(step / nfe, x, c, 1 / nfe) / nfe
+        x = x + mean(step / nfe, x, c, 1 / nfe) / nfe
     return x
