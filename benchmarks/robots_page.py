@@ -29,6 +29,9 @@ LONGER = "arm_ring_receding_12000", "arm, planning again, 12,000 steps"
 LENGTHS = "steps", r"(_\d+)?", (0.5, 1.0, 2.0)
 RATES = "learning_rate", r"(_rate_[\d.]+)?", (1.0, 3.0)
 
+#: The arm in the frame of the world, in that of the goal, and there with other trainings.
+FRAMES = "", "_goal", "_12000_goal", "_rate_0.003_goal"
+
 
 def short(value: float, digits: int = 3) -> str:
     """A number in words: .95, and 1.00."""
@@ -84,9 +87,9 @@ def trained(option: str, ending: str, columns: tuple[float, ...]) -> Iterator[li
 def frames() -> Iterator[list[str]]:
     """Rows of the table of the arm in the frame of the world and in that of the goal."""
     name = "arm_ring_receding"
-    world, goal = (stored_comparison(f"own_settings_{name}{ending}") for ending in ("", "_goal"))
-    for key, row in goal.rows.items():
-        cells = (told(each, bold=False) for each in (world.rows[key], row))
+    tables = [stored_comparison(f"own_settings_{name}{ending}").rows for ending in FRAMES]
+    for key, row in tables[1].items():
+        cells = (told(rows[key], bold=False) if key in rows else "" for rows in tables)
         yield [TASKS[name][0], label_of(key[0]), str(row["nfe"]), *cells]
 
 

@@ -205,7 +205,7 @@ def test_lessons_quote_the_settled_policies():
     [
         ("Length of training", r"_\d+$"),
         ("Learning rate", r"_rate_[\d.]+$"),
-        ("Frame of the goal", r"_goal$"),
+        ("Frame of the goal", r"(_\d+|_rate_[\d.]+)?_goal$"),
     ],
 )
 def test_the_tables_of_other_trainings_are_those_of_the_files(section, ending):

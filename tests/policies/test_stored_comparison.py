@@ -1,10 +1,17 @@
 """A stored table, read by method and number of evaluations."""
 
 import json
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cotlearn.policies.comparison import stored
+from cotlearn.policies.comparison.scores import rounded_up
+from cotlearn.policies.rollout import with_derived
+from cotlearn.robots.registry import find_task
+
+CELLS = Path(__file__).resolve().parents[2] / "benchmarks/results"
 
 
 def row(method, sampler, nfe, success):
@@ -56,3 +63,20 @@ def test_curves_are_what_the_figure_takes(compared):
     scores, intervals = {"independent": {1: [0.1]}}, {"independent": {1: [0, 1]}}
     drawn = compared.curves("success_95", methods=["independent"])
     assert drawn == {"scores": scores, "intervals": intervals}
+
+
+def test_rounding_up_keeps_a_coverage_on_its_side_of_a_threshold():
+    assert rounded_up(0.9500004) > 0.95 == rounded_up(0.95)
+    assert rounded_up(0.12345649) == 0.123457
+
+
+@pytest.mark.parametrize("folder", [path.name for path in CELLS.iterdir() if path.is_dir()])
+def test_outcomes_of_episodes_give_the_means_of_their_cell(folder):
+    for file in (CELLS / folder).glob("*-*.json"):
+        cell = json.loads(file.read_text("utf-8"))
+        for name, found in cell["samplers"].items():
+            arrays = {key: np.array(values) for key, values in found["outcomes"].items()}
+            task = find_task(cell["protocol"]["task"])
+            for key, values in with_derived(task, arrays).items():
+                mean = found["summary"].get(key, values.mean())
+                assert values.mean() == pytest.approx(mean, abs=1e-4), (file.name, name, key)

@@ -1,5 +1,6 @@
 """Evaluation of a trained policy: rollouts, energy score, modes, latency."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -32,9 +33,14 @@ def evaluate(policy: ChunkPolicy, held: Dataset, *, starts: Sequence[int]) -> di
         "latency_ms": 1000 * policy.latency(),
         "seconds_of_policy": done.seconds,
         "chunks": done.chunks,
-        "outcomes": {name: [round(float(value), 6) for value in done[name]] for name in kept},
+        "outcomes": {name: [rounded_up(value) for value in done[name]] for name in kept},
         "steps": done.steps.tolist(),
     }
+
+
+def rounded_up(value: float) -> float:
+    """To six digits, so that what is above a threshold stays above it."""
+    return math.ceil(round(float(value) * 1e6, 3)) / 1e6
 
 
 def choose_temperature(
