@@ -43,6 +43,7 @@ LOOKS = {
     "mean_flow": Look("MeanFlow", "#44AA99", ">", (0, (4, 1))),
     "mean_flow_residual": Look("MeanFlow, residual pairs", "#999933", "1", (0, (8, 2))),
     "mean_flow_data": Look("MeanFlow, chunk", "#44BB66", "|", (0, (4, 1, 2, 1))),
+    "mean_flow_data_residual": Look("MeanFlow, chunk, residual pairs", "#225533", "_", (0, (2, 3))),
     "shortcut": Look("shortcut model", "#6699CC", "2", (0, (4, 1, 1, 1))),
     "shortcut_residual": Look("shortcut model, residual pairs", "#225588", "4", (0, (1, 3))),
     "two_passes": Look("two passes (MIP)", "#444444", "3", (0, (2, 2))),

@@ -180,6 +180,7 @@ SHORTCUT = replace(
     loss=lambda options: Shortcut(share=0.25),
     cost=7 / 6,
 )
+WAYS = ADAPTIVE, MEAN_FLOW, MEAN_FLOW_DATA, SHORTCUT  #: on independent and on residual pairs
 DIFFUSION = Method(
     "diffusion",
     "DDPM with 100 levels",
@@ -239,8 +240,7 @@ _ROWS = (
         predictions=("velocity",),
         prepare=functools.partial(_distil, inverted=True),
     ),
-    *(row for method in (ADAPTIVE, MEAN_FLOW, SHORTCUT) for row in (method, _on_residuals(method))),
-    MEAN_FLOW_DATA,
+    *(row for method in WAYS for row in (method, _on_residuals(method))),
     Method(
         "two_passes",
         "regression that refines its answer once (MIP)",

@@ -13,6 +13,7 @@ METHOD_NAMES = {
     *("mean_flow_residual", "shortcut", "shortcut_residual", "two_passes", "diffusion"),
     *("diffusion_residual", "behaviour_cloning", "truth"),
     *("adaptive_weights", "adaptive_weights_residual", "mean_flow_data"),
+    "mean_flow_data_residual",
 }
 
 
