@@ -6,13 +6,15 @@ reads data/results/own_settings_*.json and settled_*.json, and changes nothing e
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from cells import RESULTS
 
 from cotlearn.plots import label_of
 from cotlearn.policies.comparison.stored import stored_comparison
+from cotlearn.policies.methods import METHODS
 from cotlearn.results import Values, read_json
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/reference/one_step_on_robots.md"
@@ -72,23 +74,29 @@ def trained(option: str, ending: str, columns: tuple[float, ...]) -> Iterator[li
             if re.fullmatch(ending, path.stem.removeprefix(f"own_settings_{name}"))
         )
         of_task = usual.about["protocol"]["options"][option]
-        for key, row in usual.rows.items():
-            found = {1.0: row} | {
-                round(other.about["protocol"]["options"][option] / of_task, 6): other.rows[key]
-                for other in others
-                if key in other.rows
-            }
-            if len(found) > 1:
-                best = preferred(found)
+        tables = {
+            round(table.about["protocol"]["options"][option] / of_task, 6): table.rows
+            for table in (usual, *others)
+        }
+        for key, row in methods_of(tables.values()).items():
+            found = {ratio: rows[key] for ratio, rows in tables.items() if key in rows}
+            if set(found) != {1.0}:
+                best = preferred(found) if len(found) > 1 else None
                 cells = (told(found[k], bold=k == best) if k in found else "" for k in columns)
                 yield [task, label_of(key[0]), str(row["nfe"]), *cells]
+
+
+def methods_of(tables: Iterable[dict[Any, Values]]) -> dict[Any, Values]:
+    """One row of each method and sampler that is in a table, in the order of the methods."""
+    found = {key: row for rows in tables for key, row in rows.items()}
+    return dict(sorted(found.items(), key=lambda item: list(METHODS).index(item[0][0])))
 
 
 def frames() -> Iterator[list[str]]:
     """Rows of the table of the arm in the frame of the world and in that of the goal."""
     name = "arm_ring_receding"
     tables = [stored_comparison(f"own_settings_{name}{ending}").rows for ending in FRAMES]
-    for key, row in tables[1].items():
+    for key, row in methods_of(tables[1:]).items():
         cells = (told(rows[key], bold=False) if key in rows else "" for rows in tables)
         yield [TASKS[name][0], label_of(key[0]), str(row["nfe"]), *cells]
 

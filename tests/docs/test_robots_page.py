@@ -277,9 +277,23 @@ def test_lesson_14_quotes_the_lengths_of_training():
     words = f"{paired[0]} and {free[0]} at one, "
     words += f"{paired[1]} and {free[1]} at two. "
     assert f"Each after its own length, residual and independent pairs are level: {words}" in told
-    words = "leads in success, at more cost: {} and {} (coverage {} and {})"
-    covered = [f"{short('reflow', nfe)['coverage']:.2f}" for nfe in (1, 2)]
-    assert words.format(*reflow, *covered) in told
+    jumps = [success(short, "mean_flow_data", nfe) for nfe in (1, 2)]
+    covered = [
+        f"{short(method, nfe)['coverage']:.2f}"
+        for method in ("reflow", "mean_flow_data")
+        for nfe in (1, 2)
+    ]
+    words = "lead: {} and {} (coverage {} and {}), {} and {} ({} and {})"
+    assert words.format(*reflow, *covered[:2], *jumps, *covered[2:]) in told
+    eight = {name: stored_comparison(f"push_t_human{name}") for name in ("", "_data")}
+    for nfe in (1, 2):
+        every = [(t.at(m, nfe), m) for t in eight.values() for m in t.methods]
+        (second, _), (most, method) = sorted((r["success_95"], m) for r, m in every if r)[-2:]
+        assert method == "mean_flow_data"
+        assert most > second + 0.05
+    rows = [eight["_data"].at("mean_flow_data", nfe) for nfe in (1, 2)]
+    both = [f"{row[name]:.2f}" for name in ("success_95", "coverage") for row in rows]
+    assert "it has {} and {}, the most of all (coverage {} and {})".format(*both) in told
     one, two = (
         [f"{at(m, nfe)['coverage']:.2f}" for at, m in ((long, "residual"), (short, "independent"))]
         for nfe in (1, 2)
