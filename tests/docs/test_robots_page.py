@@ -103,6 +103,11 @@ def test_the_table_of_settled_policies_is_that_of_the_files():
     assert [[*row[1:3], *row[7:9]] for row in listed[2:]] == expected
 
 
+def two_digits(value):
+    """And a third one between .99 and 1."""
+    return f"{value:.3f}".rstrip("0") if 0.99 <= value < 0.9995 else f"{value:.2f}"
+
+
 def mean(name, method, sampler, of="success"):
     """Of the networks of a settled policy, in words."""
     cells = json.loads((ROOT / f"data/results/settled_{name}.json").read_text("utf-8"))["cells"]
@@ -113,25 +118,24 @@ def mean(name, method, sampler, of="success"):
 
 def test_the_how_to_quotes_the_settled_policies():
     told = (ROOT / "docs/how_to/choose_a_policy.md").read_text("utf-8")
-    one, two = "ddim-1-trailing", "ddim-2-trailing"
-    free, paired, naive = "independent", "residual", "minibatch_ot"
-    for name, rows in (
-        ("push_t", (("DDIM", "diffusion", one), ("conditional pairs", paired, "euler-1"))),
-        ("arm_ring_receding", (("independent", free, "euler-1"), ("DDIM", "diffusion", one))),
-    ):
-        words = ", ".join(f"{word} {mean(name, *at).removeprefix('0')}" for word, *at in rows)
-        assert words in told
-    for words, *at in (
-        ("DDIM on conditional pairs", "diffusion_residual", two),
-        ("a flow", paired, "euler-2"),
-        ("naive OT", naive, "euler-2"),
-        ("DDIM", "diffusion", two),
-        ("independent", free, "euler-2"),
-    ):
-        both = (
-            mean("arm_ring_receding", *at, of).removeprefix("0") for of in ("success", "without")
-        )
-        assert "{} {} ({})".format(words, *both) in told
+    one = "ddim-1-trailing"
+    rows = (("DDIM", "diffusion", one), ("conditional pairs", "residual", "euler-1"))
+    words = ", ".join(f"{word} {mean('push_t', *at).removeprefix('0')}" for word, *at in rows)
+    assert words in told
+    pairs, free = (mean("arm_ring_receding", m, "euler-1") for m in ("residual", "independent"))
+    words = f"{pairs} on conditional pairs, {free} on independent ones".replace("0.", ".")
+    assert f"also from the last plan: {words}" in told
+    goal = stored_comparison("own_settings_arm_ring_receding_rate_0.003_goal").at
+    for nfe in (1, 2, 16):
+        each = [
+            two_digits(goal(method, nfe)["success"]).removeprefix("0")
+            for method in (
+                *("mean_flow", "mean_flow_data", "diffusion_residual", "residual"),
+                *("diffusion", "independent"),
+            )
+        ]
+        words = "MeanFlow {}, with the chunk {}; residual pairs: DDIM {}, a flow {}; without: "
+        assert f"{words}DDIM {{}}, a flow {{}}".format(*each) in told
 
 
 def test_lessons_quote_the_settled_policies():
@@ -143,30 +147,16 @@ def test_lessons_quote_the_settled_policies():
     arm, one = "arm_ring_receding", "ddim-1-trailing"
     longer = functools.partial(mean, f"{arm}_12000")
     free, paired = "independent", "residual"
-    own = [longer(m, k, "without") for m, k in ((paired, "euler-1"), (free, "euler-1"))]
-    own.append(longer("diffusion", one, "without"))
-    words = "one evaluation has {} on residual pairs, {} and {} without".format(*own)
-    assert f"After 12,000 steps (two networks), with own settings (08), {words}" in said("10")
-    names = arm, f"{arm}_12000"
-    words = " to ".join(mean(name, "mean_flow", "jump-2", "without") for name in names)
-    assert f"at two MeanFlow rises from {words}." in said("10")
-    both = (f"{longer(m, 'euler-1')} and {longer(m, 'euler-2')}" for m in (paired, free))
-    assert "flows on residual pairs then have {}, on independent ones {} (".format(*both) in said(
-        "10"
-    )
-    rate = stored_comparison("own_settings_arm_ring_receding_rate_0.003").at
-    one_each = [rate(method, 1)["success"] for method in (free, paired, "mean_flow", "diffusion")]
-    assert max(one_each) - min(one_each) < 0.03
-    words = [f"{rate(method, 2)['success']:.2f}" for method in ("mean_flow", paired)]
-    assert "MeanFlow has {} at two, residual pairs {}.".format(*words) in said("10")
-    goal = stored_comparison("own_settings_arm_ring_receding_goal").at
-    rows = ("residual", "diffusion_residual", "independent", "diffusion", "mean_flow")
-    two = [f"{goal(method, 2)['success']:.2f}" for method in rows]
-    words = "{} and {} on residual pairs, {} and {} without, MeanFlow {}; at two "
-    words = words.format(*(f"{goal(method, 1)['success']:.2f}" for method in rows))
-    words += "{} and {}, {} and {}, MeanFlow {}.".format(*two)
-    assert f"In the *goal's* frame, after 6,000, flow and DDIM have {words}" in said("10")
-    words = f"in the goal's frame {goal('diffusion_residual', 1)['success']:.2f}, like MeanFlow"
+    goal = stored_comparison("own_settings_arm_ring_receding_rate_0.003_goal").at
+    rows = ("diffusion_residual", "diffusion", paired, free, "mean_flow", "mean_flow_data")
+    each = [two_digits(goal(method, k)["success"]) for method in rows for k in (1, 2)]
+    words = "{} and {} at one and two with DDIM on residual pairs, {} and {} without; a flow has "
+    words += "{} and {}, and {} and {}; MeanFlow, without pairs, {} and {}, "
+    assert f"{words}with the chunk {{}} and {{}}".format(*each) in said("10")
+    eight = stored_comparison("arm_ring_receding_data").at
+    both = [two_digits(eight("mean_flow_data", k)["success"]) for k in (1, 2)]
+    assert "*MeanFlow* needs no pairs, but the chunk: {} and {} (".format(*both) in said("10")
+    words = f"in the goal's frame {each[0]}, MeanFlow {each[8]}"
     assert words in said("13")
     both = longer("diffusion_residual", one), longer("diffusion", one)
     assert "the arm with twice the steps {} and {})".format(*both) in said("13")
@@ -248,11 +238,7 @@ def test_page_and_how_to_quote_other_frames_and_rates():
         row = at(method, nfe)
         return f"{row.get('success', row.get('success_95')):.3f}".rstrip("0").removeprefix("0")
 
-    jump, free = short(goal, "mean_flow", 2), short(goal, "independent", 2)
-    assert f"in the goal's MeanFlow has {jump} with own settings (three networks)" in told
-    assert f"independent pairs {free} (with the velocity" in told
-    assert f"At two MeanFlow leads with {jump}" in page
-    assert f"a learning rate of .003 ({short(rate, 'mean_flow', 2)})" in told
+    assert f"at two MeanFlow leads with {short(goal, 'mean_flow', 2)}" in page
     assert f"it rises from .715 to {short(rate, 'mean_flow', 1)} at one" in page
     flow = " at one and ".join(short(longer, "independent", nfe) for nfe in (1, 2))
     paired = " and ".join(short(longer, "residual", nfe) for nfe in (1, 2))
