@@ -269,7 +269,7 @@ def test_lesson_14_quotes_the_lengths_of_training():
         for method in ("reflow", "mean_flow_data")
         for nfe in (1, 2)
     ]
-    words = "lead: {} and {} (coverage {} and {}), {} and {} ({} and {})"
+    words = "lead: {} and {} (coverage {} and {}), {} and {} ({} and {};"
     assert words.format(*reflow, *covered[:2], *jumps, *covered[2:]) in told
     eight = {name: stored_comparison(f"push_t_human{name}") for name in ("", "_data")}
     for nfe in (1, 2):
@@ -279,7 +279,7 @@ def test_lesson_14_quotes_the_lengths_of_training():
         assert most > second + 0.05
     rows = [eight["_data"].at("mean_flow_data", nfe) for nfe in (1, 2)]
     both = [f"{row[name]:.2f}" for name in ("success_95", "coverage") for row in rows]
-    assert "it has {} and {}, the most of all (coverage {} and {})".format(*both) in told
+    assert "it has {} and {}, the most successes (coverage {} and {};".format(*both) in told
     one, two = (
         [f"{at(m, nfe)['coverage']:.2f}" for at, m in ((long, "residual"), (short, "independent"))]
         for nfe in (1, 2)
