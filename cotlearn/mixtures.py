@@ -14,10 +14,7 @@ import torch
 from torch import Tensor
 
 from cotlearn import validation
-from cotlearn.renamed import renamed
 
-_MOVED = ("Dataset", "Unconditional", "digits", "unconditional")
-__getattr__ = renamed(__name__, {name: f"cotlearn.datasets:{name}" for name in _MOVED})
 _SHIFT = 0.2  #: torchdyn's noise, before the moons are made 3 x as large
 
 

@@ -16,7 +16,6 @@ from cotlearn.couplings.reflow import FixedPairs, Reflow
 from cotlearn.couplings.semidiscrete import SemidiscreteOT
 from cotlearn.couplings.stratified import StratifiedOT
 from cotlearn.couplings.transformed import Transformed, centred
-from cotlearn.renamed import renamed
 
 __all__ = [
     "AdaptiveConditionalOT",
@@ -39,7 +38,3 @@ __all__ = [
     "centred",
     "combine",
 ]
-
-__getattr__ = renamed(
-    __name__, {"Centred": "centred", "Framed": "Transformed", "Viewed": "EmbeddedClusters"}
-)

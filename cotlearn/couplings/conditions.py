@@ -16,7 +16,6 @@ from torch import Tensor
 from cotlearn import validation
 from cotlearn.couplings.base import WithOptions, to_numpy
 from cotlearn.datasets import Standardiser
-from cotlearn.renamed import renamed
 
 ROWS_AT_ONCE = 4096  #: rows whose distances to the centroids are held in memory at once
 
@@ -259,6 +258,3 @@ def _k_means(rows: Any, clusters: int, seed: int) -> Any:
     from sklearn.cluster import KMeans  # late: it takes a second
 
     return KMeans(clusters, n_init=1, random_state=seed).fit(rows).cluster_centers_
-
-
-__getattr__ = renamed(__name__, {"Viewed": "EmbeddedClusters"})

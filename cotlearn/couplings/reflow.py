@@ -10,7 +10,6 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Coupling, Match, Pairs, Source, check_like
 from cotlearn.couplings.independent import Independent
-from cotlearn.renamed import renamed
 from cotlearn.validation import check_function, check_matrix, check_same_rows
 
 
@@ -75,6 +74,3 @@ class FixedPairs(Independent):
         drawn = torch.randint(len(data), (n,), generator=generator)
         c = None if data.c is None else data.c[drawn]
         return Pairs(self.x0[drawn], data.x1[drawn], c, drawn, drawn)
-
-
-__getattr__ = renamed(__name__, {"MadePairs": "FixedPairs"})

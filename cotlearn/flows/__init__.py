@@ -11,7 +11,6 @@ from cotlearn.flows.matching import (
 from cotlearn.flows.networks import VelocityMLP
 from cotlearn.flows.solvers import Solution, integrate, sampler
 from cotlearn.flows.training import FitResult, fit
-from cotlearn.renamed import renamed
 
 __all__ = [
     "FitResult",
@@ -28,4 +27,3 @@ __all__ = [
     "sampler",
     "velocity_of",
 ]
-__getattr__ = renamed(__name__, {"EarlyFlowMatching": "FlowMatching"})

@@ -103,11 +103,14 @@ def velocity_of(network: Velocity, prediction: str = "velocity") -> Velocity:
 
     Args:
         network: trained with `FlowMatching` of the same prediction.
-        prediction: "velocity" returns the network itself; "data" (network - x) / (1 - t).
+        prediction: "velocity" returns the network itself; "data" (network - x) / (1 - t), also of
+            a network of mean velocities and its jump's length.
     """
     if check_choice(prediction, "prediction", PREDICTIONS) == "velocity":
         return check_function(network, "network", "(t, x, c) -> v")
-    return lambda t, x, c: (network(t, x, c) - x) / (1 - t.reshape(-1, 1))
+    return lambda t, x, c, *length: (
+        (network(t, x, c, *length) - x) / (1 - torch.as_tensor(t).reshape(-1, 1))
+    )
 
 
 def uniform_times(pairs: Pairs, generator: torch.Generator | None) -> Tensor:

@@ -18,7 +18,6 @@ from cotlearn.flows.matching import Loss
 from cotlearn.flows.networks import ImageEncoder, ResidualMLP
 from cotlearn.flows.one_step import MeanVelocity
 from cotlearn.policies.windows import Windows
-from cotlearn.renamed import renamed
 from cotlearn.robots.push_t.camera import AGENT, PLACE, SCENE, TURN, Camera
 from cotlearn.robots.push_t.task import GOAL, SIZE
 from cotlearn.validation import check_count
@@ -218,6 +217,3 @@ class Pixels:
             pixels=camera.pixels, components=self.components, clusters=clusters
         )
         return EmbeddedClusters(camera, condition).fit(c)
-
-
-__getattr__ = renamed(__name__, {"CameraOptions": "cotlearn.policies.training:camera_options"})

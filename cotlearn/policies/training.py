@@ -261,8 +261,3 @@ def train(
     )
     size = sum(p.numel() for p in result.network.parameters())
     return Trained(policy, result.history, run.seconds, size, run.coupling, tuple(run.checkpoints))
-
-
-def camera_options(**options: Any) -> Options:
-    """What was called CameraOptions: options with a camera, all on one level."""
-    return Options.from_stored({"size": 40, **options})

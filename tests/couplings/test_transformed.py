@@ -194,17 +194,6 @@ def test_its_words_name_what_is_inside():
     assert centred(Independent(), mean) == centred(Independent(), mean)
 
 
-def test_old_names_still_work():
-    with pytest.warns(FutureWarning, match="Framed is called .*Transformed now"):
-        assert couplings.Framed is Transformed
-    with pytest.warns(FutureWarning, match="Centred is called .*centred now"):
-        assert couplings.Centred is centred
-
-
-X, C = torch.randn(20, 2), torch.randn(20, 1)
-OT = MinibatchOT()
-
-
 def framed(forward, inverse):
     return Transformed(OT, forward, inverse)(X, X, C)
 

@@ -193,13 +193,6 @@ def test_bad_options():
         Pixels(size=0)
 
 
-def test_options_that_used_to_be_flat():
-    with pytest.warns(FutureWarning, match="pixels.CameraOptions is called"):
-        from cotlearn.policies.pixels import CameraOptions
-    flat = CameraOptions(steps=4, shift=1)
-    assert flat == Options(steps=4, camera=Pixels(shift=1))
-
-
 def test_the_frontier_can_be_asked_for_pictures(episodes, monkeypatch):
     monkeypatch.setattr(choice, "FRONTIER_ROWS", 128)
     monkeypatch.setattr(choice, "FACTORS", (1.0, 100.0))

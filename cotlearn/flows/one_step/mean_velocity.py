@@ -6,13 +6,13 @@ the flow that passes x at t.
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
 
 from cotlearn.couplings.base import Pairs
-from cotlearn.flows.matching import PREDICTIONS, Time, interpolate, squared_error
+from cotlearn.flows.matching import PREDICTIONS, Time, interpolate, squared_error, velocity_of
 from cotlearn.validation import check_choice, check_count, check_inputs, check_number, check_share
 
 #: Of log(t / (1 - t)), which has deviation 1. (The paper's -0.4 counts time from the data.)
@@ -86,7 +86,7 @@ class MeanFlow:
         jumps = length > 0
         c = None if pairs.c is None else pairs.c[jumps]
         at, one = (t[jumps], x[jumps], length[jumps]), torch.ones_like(t[jumps])
-        along, mean = (one, v[jumps], -one), mean_velocity_of(network, self.prediction)
+        along, mean = (one, v[jumps], -one), cast(Any, velocity_of(network, self.prediction))
         try:
             with torch.no_grad():  # of the rows that jump, and for the target alone
                 change = torch.func.jvp(lambda t, x, r: mean(t, x, c, r), at, along)[1]
@@ -96,15 +96,6 @@ class MeanFlow:
         if self.prediction == "data":
             target = x + (1 - t[:, None]) * target
         return squared_error(network(t, x, pairs.c, length), target, self.power)
-
-
-def mean_velocity_of(network: Any, prediction: str = "velocity") -> Any:
-    """The mean velocity u(t, x, c, length), for t below 1, of a network with this prediction."""
-    if check_choice(prediction, "prediction", PREDICTIONS) == "velocity":
-        return network
-    return lambda t, x, c, length: (
-        (network(t, x, c, length) - x) / (1 - torch.as_tensor(t).reshape(-1, 1))
-    )
 
 
 def _starts_and_lengths(loss: Any, pairs: Pairs, rng: torch.Generator) -> tuple[Tensor, Tensor]:
@@ -226,7 +217,7 @@ def jump(
     if not isinstance(network, MeanVelocity):
         raise TypeError(f"network must be a MeanVelocity, got {type(network).__name__}")
     c, x = check_inputs(network, x0, c, "x0"), x0
-    mean = mean_velocity_of(network, prediction)
+    mean: Any = velocity_of(network, prediction)
     for step in range(check_count(nfe, "nfe")):
         x = x + mean(step / nfe, x, c, 1 / nfe) / nfe
     return x

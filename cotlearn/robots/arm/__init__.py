@@ -3,14 +3,9 @@
 MuJoCo is imported when the first simulation is created.
 """
 
-from cotlearn.renamed import renamed
 from cotlearn.robots.arm.frames import GoalFrame
 from cotlearn.robots.arm.kinematics import forward, skeleton, solve
 from cotlearn.robots.arm.simulation import ArmVectorSim, random_start
 from cotlearn.robots.arm.task import MODES
 
 __all__ = ["MODES", "ArmVectorSim", "GoalFrame", "forward", "random_start", "skeleton", "solve"]
-
-__getattr__ = renamed(
-    __name__, {"WAYS": "MODES", "way_round": "cotlearn.robots.arm.modes:mode_of_path"}
-)

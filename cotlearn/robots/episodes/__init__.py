@@ -4,11 +4,8 @@
 parquet layout.
 """
 
-from cotlearn.renamed import renamed
 from cotlearn.robots.episodes.checked import Episodes, split
 from cotlearn.robots.episodes.lerobot import read_lerobot, write_lerobot
 from cotlearn.robots.episodes.store import read, write_pictures
 
 __all__ = ["Episodes", "read", "read_lerobot", "split", "write_lerobot", "write_pictures"]
-
-__getattr__ = renamed(__name__, {"Windows": "cotlearn.policies.windows:Windows"})

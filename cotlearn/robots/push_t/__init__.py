@@ -4,13 +4,8 @@ The task is that of Implicit Behavioral Cloning and Diffusion Policy, as defined
 It is implemented anew on pymunk 7, which is imported when the first simulation is created.
 """
 
-from cotlearn.renamed import renamed
 from cotlearn.robots.push_t.geometry import corners, coverage
 from cotlearn.robots.push_t.simulation import PushTVectorSim, Simulation, random_state
 from cotlearn.robots.push_t.task import GOAL
 
 __all__ = ["GOAL", "PushTVectorSim", "Simulation", "corners", "coverage", "random_state"]
-
-__getattr__ = renamed(
-    __name__, {"Simulations": "PushTVectorSim", "PushT": "cotlearn.robots.push_t.environment:PushT"}
-)
