@@ -194,6 +194,10 @@ def test_its_words_name_what_is_inside():
     assert centred(Independent(), mean) == centred(Independent(), mean)
 
 
+X, C = torch.randn(20, 2), torch.randn(20, 1)
+OT = MinibatchOT()
+
+
 def framed(forward, inverse):
     return Transformed(OT, forward, inverse)(X, X, C)
 
