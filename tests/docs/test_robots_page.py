@@ -248,6 +248,49 @@ def test_page_and_how_to_quote_other_frames_and_rates():
     )
 
 
+def test_meanflow_with_the_chunk_is_quoted_as_the_files_say():
+    def told(name, method, nfe, score="success"):
+        row = stored_comparison(name).at(method, nfe)
+        return two_digits(row[score] if score in row else row[f"{score}_95"])
+
+    def said(lesson):
+        return next((ROOT / "notebooks").glob(f"{lesson}_*.ipynb")).read_text("utf-8")
+
+    page = PAGE.read_text("utf-8").split("## MeanFlow with the chunk")[1].split("\n## ")[0]
+    how_to = (ROOT / "docs/how_to/choose_a_policy.md").read_text("utf-8")
+    jump, paired, both = "mean_flow_data", "mean_flow_data_residual", (1, 2)
+    people = [told("push_t_human_data", jump, k) for k in both]
+    before = [told("push_t_human", "mean_flow", k) for k in both]
+    words = "without pairs: {} and {} (velocity: {}, {}).".format(*people, *before)
+    assert words in said("13")
+    words = "people's demonstrations in {} at one evaluation and {} at two".format(*people)
+    assert words.replace("0.", ".") in page
+    narrow = [told("arm_avoid_data", m, k) for m in (paired, jump) for k in both]
+    words = "it has {} and {} on residual pairs (the most of all), {} and {} without."
+    assert words.format(*narrow) in said("13")
+    words = "{} (MeanFlow; without pairs {}), and 16 nearly always.** At one MeanFlow has {}, "
+    words = f"{words}without pairs {{}}.".format(*narrow[1::2], *narrow[::2])
+    assert words in said("10")
+    tables = [stored_comparison(f"arm_avoid{name}") for name in ("", "_data")]
+    for k in (1, 2, 16):
+        rows = [(t.at(m, k), m) for t in tables for m in t.methods]
+        assert max((row["success"], m) for row, m in rows if row)[1] == paired
+    each = [
+        told("own_settings_push_t_pixels_12000", m, k) for m in (jump, paired) for k in (1, 2, 16)
+    ]
+    words = "then has {}, {} and {}, on clusters {}, {} and {}".format(*each)
+    assert words in said("11")
+    tasks = (
+        "arm_ring_data",
+        "arm_ring_receding_data",
+        "arm_avoid_data",
+        "push_t_human_data",
+        "push_t",
+    )
+    words = "{}, {}, {}, {} and {} (the last".format(*(told(t, jump, 1) for t in tasks))
+    assert f"without pairs, has {words.replace('0.', '.')}" in how_to
+
+
 def test_lesson_14_quotes_the_lengths_of_training():
     told = next((ROOT / "notebooks").glob("14_*.ipynb")).read_text("utf-8")
     short, long = (stored_comparison(f"own_settings_push_t_human{n}").at for n in ("", "_16000"))
