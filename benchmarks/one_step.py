@@ -2,7 +2,7 @@
 
 Losses, each on independent pairs and, where it uses the noise, on conditional pairs: flow matching
 (also with the weights of mean flows), regression, two passes, mean flow (without its instants, and
-with squared errors in the place of the paper's weights), alpha-flow (the same), shortcut, drifting,
+with squared errors in the place of the paper's weights, and predicting the data), alpha-flow (the same), shortcut, drifting,
 a learned source; reflow on the pairs of a teacher, and on real data with the noise that the
 teacher's inverse gives; a source for each cluster of the data (COT-FM), which changes the prior;
 and no training at all: a data row of a near condition. Every training costs as much as STEPS of
@@ -162,6 +162,13 @@ WAYS = {
     ),
     "MeanFlow, uniform times, squared errors": Way(
         MeanFlow(power=0.0, uniform=True), 4 / 3, MeanVelocity, by_jumps, columns=1
+    ),
+    "MeanFlow, uniform times, predicts the data": Way(
+        MeanFlow(uniform=True, prediction="data"),
+        4 / 3,
+        MeanVelocity,
+        lambda network, x0, c, nfe: jump(network, x0, c, nfe=nfe, prediction="data"),
+        columns=1,
     ),
     "alpha-flow": Way(AlphaFlow(int(STEPS * 3 / 4)), 4 / 3, MeanVelocity, by_jumps, columns=1),
     "alpha-flow, few instants": Way(
