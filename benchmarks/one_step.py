@@ -1,13 +1,14 @@
 """Which way to few evaluations is best under a condition, at equal cost?
 
 Losses, each on independent pairs and, where it uses the noise, on conditional pairs: flow matching
-(also with the weights of mean flows), regression, two passes, mean flow (without its instants, and
-with squared errors in the place of the paper's weights, and predicting the data), alpha-flow (the same), shortcut, drifting,
-a learned source; reflow on the pairs of a teacher, and on real data with the noise that the
-teacher's inverse gives; a source for each cluster of the data (COT-FM), which changes the prior;
-and no training at all: a data row of a near condition. Every training costs as much as STEPS of
-flow matching, counted in forward-equivalents (a backward pass is two); who needs a teacher spends
-half of that on it. The score is squared W2 for each condition, averaged.
+(also with the weights of mean flows), regression, two passes, mean flow (also without its instants,
+with squared errors in the place of the paper's weights, and predicting the data), alpha-flow (also
+with squared errors), shortcut, drifting, a learned source; reflow on the pairs of a teacher, and on
+real data with the noise that the teacher's inverse gives; a source for each cluster of the data
+(COT-FM), which changes the prior; and no training at all: a data row of a near condition. Every
+training costs as much as STEPS of flow matching, counted in forward-equivalents (a backward pass is
+two); who needs a teacher spends half of that on it. The score is squared W2 for each condition,
+averaged.
 
     python benchmarks/one_step.py
     python benchmarks/one_step.py --digits
