@@ -1,8 +1,9 @@
-"""Writes tables into the page of the robots: own settings, other trainings, settled.
+"""Writes tables of own settings, other trainings and settled policies into two pages.
 
     python benchmarks/robots_page.py
 
-reads data/results/own_settings_*.json and settled_*.json, and changes nothing else on the page.
+reads data/results/own_settings_*.json and settled_*.json, and changes nothing else on the page of
+the robots and on the how-to for choosing a policy.
 """
 
 import re
@@ -17,7 +18,8 @@ from cotlearn.policies.comparison.stored import stored_comparison
 from cotlearn.policies.methods import METHODS
 from cotlearn.results import Values, read_json
 
-PAGE = Path(__file__).resolve().parents[1] / "docs/reference/one_step_on_robots.md"
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGE, HOW_TO = DOCS / "reference/one_step_on_robots.md", DOCS / "how_to/choose_a_policy.md"
 #: Each task in words, and the table that counts the ways of its demonstrations.
 TASKS = {
     "push_t": ("Push-T, planned", "push_t"),
@@ -27,9 +29,23 @@ TASKS = {
 }
 #: What was settled after twice the steps.
 LONGER = "arm_ring_receding_12000", "arm, planning again, 12,000 steps"
+#: What has another rate after twice the steps.
+TRAINED = {name: words for name, (words, _) in TASKS.items()}
+TRAINED["push_t_pixels_12000"] = "Push-T from pixels, 12,000 steps"
 #: What a training can have another of, in that of the task: its files, and the columns.
 LENGTHS = "steps", r"(_\d+)?", (0.5, 1.0, 2.0)
 RATES = "learning_rate", r"(_rate_[\d.]+)?", (1.0, 3.0)
+
+#: For the how-to: the training that most rows of a task have, and the names of all others.
+OTHER = r"(_\d+)?(_rate_[\d.]+)?"
+DEPLOYED = {
+    "arm_ring_receding_rate_0.003_goal": rf"arm_ring_receding{OTHER}_goal",
+    "push_t": rf"push_t{OTHER}",
+    "push_t_human": rf"push_t_human{OTHER}",
+    "push_t_pixels_12000": rf"push_t_pixels{OTHER}",
+}
+#: What another training has to gain on exploration starts to take the place of the usual one.
+MARGIN = 0.03
 
 #: The arm in the frame of the world, in that of the goal, and there with other trainings.
 FRAMES = "", "_goal", "_12000_goal", "_rate_0.003_goal"
@@ -67,7 +83,7 @@ def own_settings() -> Iterator[list[str]]:
 
 def trained(option: str, ending: str, columns: tuple[float, ...]) -> Iterator[list[str]]:
     """Rows of the table of trainings with another option; what exploration prefers is bold."""
-    for name, (task, _) in TASKS.items():
+    for name, task in TRAINED.items():
         usual, *others = (
             stored_comparison(path.stem)
             for path in sorted(RESULTS.glob(f"own_settings_{name}*.json"))
@@ -105,12 +121,7 @@ def preferred(found: dict[float, Values]) -> float:
     """The ratio to the task's option with most successes, by networks that all have."""
     shared = set.intersection(*(set(row["seeds"]) for row in found.values()))
 
-    def explored(ratio: float) -> float:
-        row = found[ratio]
-        each = zip(row["seeds"], row["explored_of_seeds"], strict=True)
-        return sum(value for seed, value in each if seed in shared)
-
-    return max(found, key=explored)
+    return max(found, key=lambda ratio: explored([found[ratio]], shared))
 
 
 def told(row: Values, *, bold: bool) -> str:
@@ -148,9 +159,60 @@ def settled() -> Iterator[list[str]]:
                 ]
 
 
+def deployed() -> Iterator[list[str]]:
+    """Rows of the how-to: successes at 1, 2 and 16 evaluations, in brackets the coverage."""
+    for method in METHODS:
+        found = [best_training(*names, method) for names in DEPLOYED.items()]
+        if any(rows for rows, _ in found):
+            yield [label_of(method), *(both_scores(rows) + mark for rows, mark in found)]
+
+
+def best_training(usual: str, pattern: str, method: str) -> tuple[list[Values], str]:
+    """The rows of the training that exploration starts prefer, and a mark if it is another."""
+    found = {}
+    for path in sorted(RESULTS.glob("own_settings_*.json")):
+        name = path.stem.removeprefix("own_settings_")
+        if re.fullmatch(pattern, name):
+            rows = (stored_comparison(path.stem).at(method, nfe) for nfe in (1, 2, 16))
+            found[name] = [row for row in rows if row]
+    ours = found.pop(usual)
+
+    def gain(rows: list[Values]) -> float:
+        shared = set(rows[0]["seeds"]) & set(ours[0]["seeds"])
+        return explored(rows, shared) - explored(ours, shared)
+
+    others = [(gain(rows), rows) for rows in found.values() if rows and ours]
+    most, rows = max(others, key=lambda pair: pair[0], default=(0.0, ours))
+    return (rows, " *") if most >= MARGIN else (ours, "")
+
+
+def explored(rows: list[Values], seeds: set[int]) -> float:
+    """The successes on exploration starts, a mean over rows and networks."""
+    each = [row["explored_of_seeds"][row["seeds"].index(seed)] for row in rows for seed in seeds]
+    return sum(each) / len(each)
+
+
+def both_scores(rows: list[Values]) -> str:
+    """The success in each row, and where there is one the coverage."""
+    won = (row.get("success", row.get("success_95")) for row in rows)
+    told = [short(v).rstrip("0") if 0.99 <= v < 0.9995 else short(v, 2) for v in won]
+    covered = [short(row["coverage"], 2) for row in rows if "coverage" in row]
+    return ", ".join(told) + f" ({', '.join(covered)})" * bool(covered)
+
+
+def replaced(path: Path, tables: dict[str, Iterable[list[str]]]) -> None:
+    """Replaces the rows of a page's tables, each the first below a heading."""
+    page = path.read_text("utf-8")
+    for heading, rows in tables.items():
+        begin = page.index("|---", page.index(f"## {heading}\n"))
+        begin, end = page.index("\n", begin) + 1, page.index("\n\n", begin) + 1
+        text = "".join(f"| {' | '.join(row)} |\n" for row in rows)
+        page = page[:begin] + text + page[end:]
+    path.write_text(page, "utf-8")
+
+
 def main() -> None:
     """Replaces the rows of the tables."""
-    page = PAGE.read_text("utf-8")
     tables = {
         "Own settings": own_settings(),
         "Length of training": trained(*LENGTHS),
@@ -158,12 +220,8 @@ def main() -> None:
         "Frame of the goal": frames(),
         "Settled": settled(),
     }
-    for heading, rows in tables.items():
-        begin = page.index("|---", page.index(f"## {heading}\n"))
-        begin, end = page.index("\n", begin) + 1, page.index("\n\n", begin) + 1
-        text = "".join(f"| {' | '.join(row)} |\n" for row in rows)
-        page = page[:begin] + text + page[end:]
-    PAGE.write_text(page, "utf-8")
+    replaced(PAGE, tables)
+    replaced(HOW_TO, {"What the stored tables say": deployed()})
 
 
 if __name__ == "__main__":
