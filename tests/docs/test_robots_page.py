@@ -283,37 +283,27 @@ def test_lesson_14_quotes_the_lengths_of_training():
     told = next((ROOT / "notebooks").glob("14_*.ipynb")).read_text("utf-8")
     short, long = (stored_comparison(f"own_settings_push_t_human{n}").at for n in ("", "_16000"))
 
-    def success(at, method, nfe):
-        return f"{at(method, nfe)['success_95']:.2f}"
+    def quoted(at, method, score="success_95"):
+        return [f"{at(method, nfe)[score]:.2f}" for nfe in (1, 2)]
 
-    free, paired, reflow = (
-        [success(at, method, nfe) for nfe in (1, 2)]
-        for at, method in ((short, "independent"), (long, "residual"), (short, "reflow"))
-    )
-    assert f"({success(short, 'residual', 2)} against {free[1]})" in told
-    words = f"{paired[0]} and {free[0]} at one, "
-    words += f"{paired[1]} and {free[1]} at two. "
-    assert f"Each after its own length, residual and independent pairs are level: {words}" in told
-    jumps = [success(short, "mean_flow_data", nfe) for nfe in (1, 2)]
+    for nfe in (1, 2):
+        own = long("residual", nfe)["success_95"], short("independent", nfe)["success_95"]
+        assert abs(own[0] - own[1]) < 0.04
     covered = [
-        f"{short(method, nfe)['coverage']:.2f}"
-        for method in ("reflow", "mean_flow_data")
-        for nfe in (1, 2)
+        quoted(at, m, "coverage")[1] for at, m in ((long, "residual"), (short, "independent"))
     ]
-    words = "lead: {} and {} (coverage {} and {}), {} and {} ({} and {};"
-    assert words.format(*reflow, *covered[:2], *jumps, *covered[2:]) in told
+    assert "ahead at two ({} and {}).".format(*covered) in told
+    pairs = zip(quoted(short, "reflow"), quoted(short, "mean_flow_data"), strict=True)
+    words = (f"{' and '.join(both)} at {k}" for both, k in zip(pairs, ("one", "two"), strict=True))
+    assert f"the chunk lead with {', '.join(words)} (" in told
     eight = {name: stored_comparison(f"push_t_human{name}") for name in ("", "_data")}
     for nfe in (1, 2):
         every = [(t.at(m, nfe), m) for t in eight.values() for m in t.methods]
         (second, _), (most, method) = sorted((r["success_95"], m) for r, m in every if r)[-2:]
         assert method == "mean_flow_data"
         assert most > second + 0.05
-    rows = [eight["_data"].at("mean_flow_data", nfe) for nfe in (1, 2)]
-    both = [f"{row[name]:.2f}" for name in ("success_95", "coverage") for row in rows]
-    assert "it has {} and {}, the most successes (coverage {} and {};".format(*both) in told
-    one, two = (
-        [f"{at(m, nfe)['coverage']:.2f}" for at, m in ((long, "residual"), (short, "independent"))]
-        for nfe in (1, 2)
-    )
-    assert one[0] == one[1]
-    assert f"(Coverage: {one[0]} each at one, {two[0]} and {two[1]} at two.)" in told
+    data = eight["_data"].at
+    assert "in {} at one and in {} at two.".format(*quoted(data, "mean_flow_data")) in told
+    assert "It covers {} and {}, ".format(*quoted(data, "mean_flow_data", "coverage")) in told
+    words = f"succeed in {quoted(data, 'independent')[0]}, with the velocity in "
+    assert f"{words}{quoted(eight[''].at, 'independent')[0]}." in told
