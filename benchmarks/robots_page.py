@@ -168,7 +168,10 @@ def deployed() -> Iterator[list[str]]:
 
 
 def best_training(usual: str, pattern: str, method: str) -> tuple[list[Values], str]:
-    """The rows of the training that exploration starts prefer, and a mark if it is another."""
+    """The rows of the training that exploration starts prefer, and a mark if it is another.
+
+    First networks decide (`goals.md`, before goal 115).
+    """
     found = {}
     for path in sorted(RESULTS.glob("own_settings_*.json")):
         name = path.stem.removeprefix("own_settings_")
@@ -178,8 +181,7 @@ def best_training(usual: str, pattern: str, method: str) -> tuple[list[Values], 
     ours = found.pop(usual)
 
     def gain(rows: list[Values]) -> float:
-        shared = set(rows[0]["seeds"]) & set(ours[0]["seeds"])
-        return explored(rows, shared) - explored(ours, shared)
+        return explored(rows, {0}) - explored(ours, {0})
 
     others = [(gain(rows), rows) for rows in found.values() if rows and ours]
     most, rows = max(others, key=lambda pair: pair[0], default=(0.0, ours))
