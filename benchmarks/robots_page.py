@@ -8,6 +8,7 @@ the robots and on the how-to for choosing a policy.
 
 import re
 from collections.abc import Iterable, Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,10 @@ TRAINED["push_t_pixels_12000"] = "Push-T from pixels, 12,000 steps"
 #: What a training can have another of, in that of the task: its files, and the columns.
 LENGTHS = "steps", r"(_\d+)?", (0.5, 1.0, 2.0)
 RATES = "learning_rate", r"(_rate_[\d.]+)?", (1.0, 3.0)
+
+#: Between two rows of pillars: what a network predicts, and the endings of other lengths.
+PATHS = {"velocity": "arm_avoid", "path": "arm_avoid_data"}
+STEPS = "_3000", "", "_12000"
 
 #: For the how-to: the training that most rows of a task have, and the names of all others.
 OTHER = r"(_\d+)?(_rate_[\d.]+)?"
@@ -131,6 +136,17 @@ def told(row: Values, *, bold: bool) -> str:
     return "**" * bold + ", ".join(short(value) for value in each) + "**" * bold + covered
 
 
+def paths() -> Iterator[list[str]]:
+    """Rows of the table of whole paths between two rows of pillars, after other trainings."""
+    for target, name in PATHS.items():
+        half, once, twice = (stored_comparison(f"{name}{ending}") for ending in STEPS)
+        for method, nfe in product(METHODS, (1, 2, 16)):
+            found = [table.at(method, nfe) for table in (half, once, twice)]
+            if found[0] or found[2]:
+                cells = (told(row, bold=False) if row else "" for row in found)
+                yield [label_of(method), target, str(nfe), *cells]
+
+
 def settled() -> Iterator[list[str]]:
     """Rows of the table of settled policies."""
     for name, task in [*((name, task) for name, (task, _) in TASKS.items()), LONGER]:
@@ -202,6 +218,22 @@ def both_scores(rows: list[Values]) -> str:
     return ", ".join(told) + f" ({', '.join(covered)})" * bool(covered)
 
 
+def from_last_plan() -> Iterator[list[str]]:
+    """Rows of the how-to: successes of settled policies at one evaluation."""
+    names = "arm_ring_receding", "push_t", "push_t_human", "push_t_pixels"
+    tables = {name: stored_comparison(f"own_settings_{name}").rows for name in names}
+    won: dict[str, dict[str, list[float]]] = {method: {} for method in METHODS}
+    for name, rows in tables.items():
+        for cell in read_json(RESULTS / f"settled_{name}.json", "cells")["cells"]:
+            method, _, sampler = cell["key"].values()
+            if rows[method, sampler]["nfe"] == 1:
+                won[method].setdefault(name, []).append(cell["success"])
+    for method, found in won.items():
+        if found:
+            means = {name: sum(each) / len(each) for name, each in found.items()}
+            yield [label_of(method), *(short(means[n], 2) if n in means else "" for n in names)]
+
+
 def replaced(path: Path, tables: dict[str, Iterable[list[str]]]) -> None:
     """Replaces the rows of a page's tables, each the first below a heading."""
     page = path.read_text("utf-8")
@@ -218,12 +250,14 @@ def main() -> None:
     tables = {
         "Own settings": own_settings(),
         "Length of training": trained(*LENGTHS),
+        "Between two rows": paths(),
         "Learning rate": trained(*RATES),
         "Frame of the goal": frames(),
         "Settled": settled(),
     }
     replaced(PAGE, tables)
-    replaced(HOW_TO, {"What the stored tables say": deployed()})
+    how_to = {"What the stored tables say": deployed(), "From the last plan": from_last_plan()}
+    replaced(HOW_TO, how_to)
 
 
 if __name__ == "__main__":
