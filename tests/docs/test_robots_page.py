@@ -128,7 +128,7 @@ def test_the_how_to_shows_the_settled_policies():
             assert cell == mean(name, method, sampler).removeprefix("0")
 
 
-def test_the_how_to_shows_the_best_training_of_each_row():
+def test_how_to_and_lesson_show_the_best_training_of_each_row():
     page = (ROOT / "docs/how_to/choose_a_policy.md").read_text("utf-8")
     page = page.split("## What the stored tables say")[1].split("\n\n")[2]
     usual = {  # the trainings of a column, and the usual one
@@ -143,14 +143,18 @@ def test_the_how_to_shows_the_best_training_of_each_row():
         each = [row["explored_of_seeds"][row["seeds"].index(0)] for row in rows]
         return sum(each) / len(each)
 
+    lesson = next((ROOT / "notebooks").glob("13_*.ipynb")).read_text("utf-8")
+    lesson = set(re.findall(r'\("(\w+)", "(\w+)"\): "([\w.]+)"', lesson.replace("\\", "")))
+    starred = set()
     for line in page.splitlines()[2:]:
         label, *cells = (cell.strip() for cell in line.strip("|").split("|"))
-        for told, (pattern, ours) in zip(cells, usual.items(), strict=True):
+        tasks = zip(cells, usual.items(), ("again", "planned", "people", "pixels"), strict=True)
+        for told, (pattern, ours), task in tasks:
             found = {}
             for stem in stems:
                 if name := re.fullmatch(f"own_settings_{pattern}", stem):
-                    rows = stored_comparison(stem).rows.items()
-                    rows = [row for (method, _), row in rows if label_of(method) == label]
+                    rows = stored_comparison(stem).rows.values()
+                    rows = [row for row in rows if label_of(row["method"]) == label]
                     found |= {name[1]: rows} if rows else {}
             if ours not in found:
                 assert not told
@@ -160,6 +164,10 @@ def test_the_how_to_shows_the_best_training_of_each_row():
             won = (two_digits(row.get("success", row.get("success_95"))) for row in found[best])
             assert told.startswith(", ".join(won).replace("0.", "."))
             assert told.endswith("*") == (best != ours)
+            if best != ours:
+                stem = pattern.partition("(")[0] + best + pattern.rpartition(")")[2]
+                starred.add((task, found[best][0]["method"], stem))
+    assert starred == lesson
 
 
 def test_lessons_quote_the_settled_policies():
