@@ -227,6 +227,7 @@ def test_the_tables_of_other_trainings_are_those_of_the_files(section, ending):
     tasks = {
         "own_settings_push_t": "Push-T, planned",
         "own_settings_push_t_pixels": "Push-T from pixels",
+        "own_settings_push_t_pixels_12000": "Push-T from pixels, 12,000 steps",
         "own_settings_push_t_human": "Push-T, people",
         "own_settings_arm_ring_receding": "arm, planning again",
     }
@@ -269,7 +270,7 @@ def test_meanflow_with_the_chunk_is_quoted_as_the_files_say():
     words = "people's demonstrations in {} at one evaluation and {} at two".format(*people)
     assert words.replace("0.", ".") in page
     narrow = [told("arm_avoid_data", m, k) for m in (paired, jump) for k in both]
-    assert "most with MeanFlow ({}, without pairs {}), ".format(*narrow[1::2]) in said("10")
+    assert "with MeanFlow** ({}, without pairs {}), ".format(*narrow[1::2]) in said("10")
     tables = [stored_comparison(f"arm_avoid{name}") for name in ("", "_data")]
     for k in (1, 2, 16):
         rows = [(t.at(m, k), m) for t in tables for m in t.methods]
@@ -296,7 +297,7 @@ def test_lesson_14_quotes_the_lengths_of_training():
     assert "ahead at two ({} and {}).".format(*covered) in told
     pairs = zip(quoted(short, "reflow"), quoted(short, "mean_flow_data"), strict=True)
     words = (f"{' and '.join(both)} at {k}" for both, k in zip(pairs, ("one", "two"), strict=True))
-    assert f"the chunk lead with {', '.join(words)} (" in told
+    assert f"the chunk lead: after 8,000 steps with {', '.join(words)} (" in told
     eight = {name: stored_comparison(f"push_t_human{name}") for name in ("", "_data")}
     for nfe in (1, 2):
         every = [(t.at(m, nfe), m) for t in eight.values() for m in t.methods]
