@@ -215,7 +215,7 @@ def both_scores(rows: list[Values]) -> str:
     won = (row.get("success", row.get("success_95")) for row in rows)
     told = [short(v).rstrip("0") if 0.99 <= v < 0.9995 else short(v, 2) for v in won]
     covered = [short(row["coverage"], 2) for row in rows if "coverage" in row]
-    return ", ".join(told) + f" ({', '.join(covered)})" * bool(covered)
+    return ", ".join(told) + f"<br>({', '.join(covered)})" * bool(covered)
 
 
 def from_last_plan() -> Iterator[list[str]]:
