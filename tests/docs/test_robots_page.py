@@ -309,3 +309,42 @@ def test_lesson_14_quotes_the_lengths_of_training():
     assert "It covers {} and {}, ".format(*quoted(data, "mean_flow_data", "coverage")) in told
     words = f"succeed in {quoted(data, 'independent')[0]}, with the velocity in "
     assert f"{words}{quoted(eight[''].at, 'independent')[0]}." in told
+
+
+def test_other_lengths_between_two_rows_are_those_of_the_files():
+    page = PAGE.read_text("utf-8").split("### Between two rows")[1].split("\n## ")[0]
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")]
+    ways = {}
+    for label, target, nfe, *told in (row for row in rows if row[2].isdigit()):
+        for cell, steps in zip(told, ("_3000", "", "_12000"), strict=False):
+            table = stored_comparison("arm_avoid" + "_data" * (target == "path") + steps)
+            row = next((table.at(m, int(nfe)) for m in table.methods if label_of(m) == label), None)
+            each = (
+                [f"{won:.3f}".removeprefix("0") for won in row["success_of_seeds"]] if row else []
+            )
+            assert cell.strip("| ") == ", ".join(each)
+            if row and steps == "_12000":
+                ways.setdefault("residual" in row["method"], []).append((nfe, row["mode_entropy"]))
+    assert max(entropy for nfe, entropy in ways[False] if nfe in "12") < 0.05
+    assert min(entropy for _, entropy in ways[True]) > 1.6
+    long, usual = (stored_comparison(f"arm_avoid_data{end}").at for end in ("_12000", ""))
+    jump, paired = "mean_flow_data", "mean_flow_data_residual"
+    each = (at(m, 2)["success"] for at, m in ((usual, jump), (long, jump), (long, paired)))
+    words = "from {:.2f} to {:.2f}, on residual pairs it stays at {:.2f}".format(*each)
+    assert words in next((ROOT / "notebooks").glob("10_*.ipynb")).read_text("utf-8")
+
+
+def test_the_how_to_quotes_whole_paths():
+    told = (ROOT / "docs/how_to/choose_a_policy.md").read_text("utf-8")
+    told = told.split("### Whole paths")[1].split("\n## ")[0]
+    ring, narrow = (stored_comparison(f"{name}_data").at for name in ("arm_ring", "arm_avoid"))
+    each = [narrow("mean_flow_data", nfe)["success"] for nfe in (1, 2, 16)]
+    assert "MeanFlow has {:.2f}, {:.2f} and {:.2f} at".format(*each).replace("0.", ".") in told
+    rows = (
+        (1, "mean_flow_data", "{:.3f}"),
+        (1, "residual", "{:.2f}"),
+        (1, "independent", "{:.2f}"),
+    )
+    each = [form.format(ring(m, nfe)["success"]) for nfe, m, form in rows]
+    words = "MeanFlow has {} at one evaluation, conditional pairs {}, independent pairs {}."
+    assert words.format(*each).replace("0.", ".") in told
