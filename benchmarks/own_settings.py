@@ -3,15 +3,15 @@
 `cotlearn bench` executes eight of sixteen planned actions. Here every policy that plans again
 chooses for itself, for each number of evaluations: first how many actions it executes, then the
 temperature, each by successes (ties: the task's score) on exploration starts. With its choice it is
-rolled out once from the starts that the tables report. All networks predict the chunk, as with
+rolled out once from the starts that the tables report. Networks predict the chunk, as with
 `cotlearn bench TASK --prediction data`; what is not in the folder of weights is trained.
 
     python benchmarks/own_settings.py push-t
 
 writes benchmarks/results/own_settings_push_t/ and data/results/own_settings_push_t.json. An
 interrupted run goes on, and two can work side by side on other methods or seeds. With --steps,
---rate or --frame a training has another number of steps, learning rate or frame; with --midpoint
-flows are sampled by one midpoint step. The names end in it.
+--rate, --frame or --prediction a training has another number of steps, learning rate, frame or
+target; with --midpoint flows are sampled by one midpoint step. The names end in it.
 """
 
 import argparse
@@ -67,15 +67,18 @@ def main() -> None:
     parser.add_argument("--steps", type=int, help="of a training, if not those of the task")
     parser.add_argument("--rate", type=float, help="learning rate, if not that of the task")
     parser.add_argument("--frame", help="of observations and plans, if not that of the task")
+    parser.add_argument("--prediction", default="data", help="of networks that are not MeanFlow's")
     parser.add_argument("--midpoint", action="store_true", help="two evaluations of flows")
     asked = parser.parse_args()
-    name, options = f"own_settings_{asked.task.replace('-', '_')}", {"prediction": "data"}
+    name, options = f"own_settings_{asked.task.replace('-', '_')}", {"prediction": asked.prediction}
     if asked.steps:
         name, options = f"{name}_{asked.steps}", {**options, "steps": asked.steps}
     if asked.rate:
         name, options = f"{name}_rate_{asked.rate:g}", {**options, "learning_rate": asked.rate}
     if asked.frame:
         name, options = f"{name}_{asked.frame}", {**options, "frame": asked.frame}
+    if asked.prediction != "data":
+        name = f"{name}_{asked.prediction}"
     weights = Path("build") / name
     if asked.midpoint:
         name = f"{name}_midpoint"

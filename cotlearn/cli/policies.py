@@ -25,6 +25,7 @@ Data = Annotated[Path | None, typer.Option(help=_LAYOUTS)]
 OPTIONS = {
     "steps": Annotated[int | None, typer.Option(min=1, help="Gradient steps.")],
     "batch_size": Annotated[int | None, typer.Option(min=1, help="Rows of a gradient step.")],
+    "learning_rate": Annotated[float | None, typer.Option(help="Of Adam, above 0.")],
     "clusters": Annotated[int | None, typer.Option(min=1, help="Clusters of stratified OT.")],
     "condition_weight": Annotated[float | None, typer.Option(min=0, help="Default: by frontier.")],
     "frame": Annotated[str | None, typer.Option(help="Frame of states and actions.")],
