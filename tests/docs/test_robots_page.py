@@ -102,16 +102,21 @@ def test_the_table_of_settled_policies_is_that_of_the_files():
     assert [[*row[1:3], *row[7:9]] for row in listed[2:]] == expected
 
 
+def said(lesson):
+    """All that a lesson holds."""
+    return next((ROOT / "notebooks").glob(f"{lesson}_*.ipynb")).read_text("utf-8")
+
+
 def two_digits(value):
     """And a third one between .99 and 1."""
     return f"{value:.3f}".rstrip("0") if 0.99 <= value < 0.9995 else f"{value:.2f}"
 
 
-def mean(name, method, sampler, of="success"):
+def mean(name, method, sampler):
     """Of the networks of a settled policy, in words."""
     cells = json.loads((ROOT / f"data/results/settled_{name}.json").read_text("utf-8"))["cells"]
     key = {"method": method, "sampler": sampler}
-    each = [cell[of] for cell in cells if key.items() <= cell["key"].items()]
+    each = [cell["success"] for cell in cells if key.items() <= cell["key"].items()]
     return f"{round(sum(each) / len(each), 6):.2f}"
 
 
@@ -143,7 +148,7 @@ def test_how_to_and_lesson_show_the_best_training_of_each_row():
         each = [row["explored_of_seeds"][row["seeds"].index(0)] for row in rows]
         return sum(each) / len(each)
 
-    lesson = next((ROOT / "notebooks").glob("13_*.ipynb")).read_text("utf-8")
+    lesson = said("13")
     lesson = set(re.findall(r'\("(\w+)", "(\w+)"\): "([\w.]+)"', lesson.replace("\\", "")))
     starred = set()
     for line in page.splitlines()[2:]:
@@ -172,9 +177,6 @@ def test_how_to_and_lesson_show_the_best_training_of_each_row():
 
 def test_lessons_quote_the_settled_policies():
     """Where no cell of a lesson has room for the claim."""
-
-    def said(lesson):
-        return next((ROOT / "notebooks").glob(f"{lesson}_*.ipynb")).read_text("utf-8")
 
     arm, one = "arm_ring_receding", "ddim-1-trailing"
     free, paired = "independent", "residual"
@@ -217,10 +219,8 @@ def test_lessons_quote_the_settled_policies():
     ],
 )
 def test_the_tables_of_other_trainings_are_those_of_the_files(section, ending):
-    page = PAGE.read_text("utf-8").split(f"## {section}")[1].split("\n## ")[0]
-    listed = [
-        line.replace("*", "").strip("| ").split(" | ") for line in page.splitlines() if "|" in line
-    ]
+    page = PAGE.read_text("utf-8").replace("*", "").split(f"## {section}")[1].split("\n## ")[0]
+    listed = [line.strip("| ").split(" | ") for line in page.splitlines() if "|" in line]
     stems = [path.stem for path in (ROOT / "data/results").glob("own_settings_*.json")]
     stems = [stem for stem in stems if re.search(ending, stem)]
     assert stems
@@ -243,26 +243,17 @@ def test_the_tables_of_other_trainings_are_those_of_the_files(section, ending):
 
 def test_the_page_quotes_other_frames_and_rates():
     page = PAGE.read_text("utf-8")
-    goal, rate = (
-        stored_comparison(f"own_settings_arm_ring_receding_{name}").at
-        for name in ("goal", "rate_0.003")
-    )
-
-    def short(at, method, nfe):
-        row = at(method, nfe)
-        return f"{row.get('success', row.get('success_95')):.3f}".rstrip("0").removeprefix("0")
-
-    assert f"MeanFlow leads with {short(goal, 'mean_flow', 2)}" in page
-    assert f"it rises from .715 to {short(rate, 'mean_flow', 1)} at one" in page
+    name, which = "own_settings_arm_ring_receding_{}", (("goal", 2), ("rate_0.003", 1))
+    rows = (stored_comparison(name.format(ending)).at("mean_flow", k) for ending, k in which)
+    goal, rate = (f"{round(row['success'], 3):g}".removeprefix("0") for row in rows)
+    assert f"MeanFlow leads with {goal}" in page
+    assert f"it rises from .715 to {rate} at one" in page
 
 
 def test_meanflow_with_the_chunk_is_quoted_as_the_files_say():
     def told(name, method, nfe, score="success"):
         row = stored_comparison(name).at(method, nfe)
         return two_digits(row[score] if score in row else row[f"{score}_95"])
-
-    def said(lesson):
-        return next((ROOT / "notebooks").glob(f"{lesson}_*.ipynb")).read_text("utf-8")
 
     page = PAGE.read_text("utf-8").split("## MeanFlow with the chunk")[1].split("\n## ")[0]
     jump, paired, both = "mean_flow_data", "mean_flow_data_residual", (1, 2)
@@ -279,10 +270,15 @@ def test_meanflow_with_the_chunk_is_quoted_as_the_files_say():
     each = [told("own_settings_push_t_pixels_12000", jump, k) for k in (1, 2, 16)]
     assert "does not fall: {}, {} and {} at 1, 2 and 16".format(*each) in said("11")
     assert all(at(jump, k)["success_95"] > at(paired, k)["success_95"] for k in (2, 16))
+    long, usual = (stored_comparison(f"arm_avoid_data{end}").at for end in ("_12000", ""))
+    each = ((usual, jump), (long, jump), (long, paired))
+    each = (at(method, 2)["success_of_seeds"][0] for at, method in each)
+    words = "from {:.2f} to {:.2f}, on residual pairs it stays at {:.2f}".format(*each)
+    assert words in said("10")
 
 
 def test_lesson_14_quotes_the_lengths_of_training():
-    told = next((ROOT / "notebooks").glob("14_*.ipynb")).read_text("utf-8")
+    told = said("14")
     short, long = (stored_comparison(f"own_settings_push_t_human{n}").at for n in ("", "_16000"))
 
     def quoted(at, method, score="success_95"):
@@ -291,10 +287,6 @@ def test_lesson_14_quotes_the_lengths_of_training():
     for nfe in (1, 2):
         own = long("residual", nfe)["success_95"], short("independent", nfe)["success_95"]
         assert abs(own[0] - own[1]) < 0.04
-    covered = [
-        quoted(at, m, "coverage")[1] for at, m in ((long, "residual"), (short, "independent"))
-    ]
-    assert "ahead at two ({} and {}).".format(*covered) in told
     pairs = zip(quoted(short, "reflow"), quoted(short, "mean_flow_data"), strict=True)
     words = (f"{' and '.join(both)} at {k}" for both, k in zip(pairs, ("one", "two"), strict=True))
     assert f"the chunk lead: after 8,000 steps with {', '.join(words)} (" in told
@@ -311,40 +303,56 @@ def test_lesson_14_quotes_the_lengths_of_training():
     assert f"{words}{quoted(eight[''].at, 'independent')[0]}." in told
 
 
-def test_other_lengths_between_two_rows_are_those_of_the_files():
-    page = PAGE.read_text("utf-8").split("### Between two rows")[1].split("\n## ")[0]
+OTHERS = {  # trainings of whole paths
+    "Between two rows": ("arm_avoid", ("_3000", "", "_12000", "_rate_0.001")),
+    "Past the pillar": ("arm_ring", ("", "_12000", "_rate_0.003")),
+}
+
+
+@pytest.mark.parametrize("heading", OTHERS)
+def test_other_trainings_of_whole_paths_are_those_of_the_files(heading):
+    page = PAGE.read_text("utf-8").split(f"### {heading}")[1].split("\n## ")[0].split("\n### ")[0]
     rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")]
+    task, endings = OTHERS[heading]
     ways = {}
     for label, target, nfe, *told in (row for row in rows if row[2].isdigit()):
-        for cell, steps in zip(told, ("_3000", "", "_12000"), strict=False):
-            table = stored_comparison("arm_avoid" + "_data" * (target == "path") + steps)
+        means = label in map(label_of, ("behaviour_cloning", "two_passes"))
+        for cell, ending in zip(told, endings, strict=False):
+            table = stored_comparison(task + "_data" * (target == "path" and not means) + ending)
             row = next((table.at(m, int(nfe)) for m in table.methods if label_of(m) == label), None)
-            each = (
-                [f"{won:.3f}".removeprefix("0") for won in row["success_of_seeds"]] if row else []
-            )
+            each = row["success_of_seeds"] if row else ()
+            each = [f"{won:.3f}".removeprefix("0") for won in each]
             assert cell.strip("| ") == ", ".join(each)
-            if row and steps == "_12000":
+            if row and ending == "_12000":
                 ways.setdefault("residual" in row["method"], []).append((nfe, row["mode_entropy"]))
-    assert max(entropy for nfe, entropy in ways[False] if nfe in "12") < 0.05
-    assert min(entropy for _, entropy in ways[True]) > 1.6
-    long, usual = (stored_comparison(f"arm_avoid_data{end}").at for end in ("_12000", ""))
-    jump, paired = "mean_flow_data", "mean_flow_data_residual"
-    each = (at(m, 2)["success"] for at, m in ((usual, jump), (long, jump), (long, paired)))
-    words = "from {:.2f} to {:.2f}, on residual pairs it stays at {:.2f}".format(*each)
-    assert words in next((ROOT / "notebooks").glob("10_*.ipynb")).read_text("utf-8")
+    if task == "arm_avoid":
+        assert max(entropy for nfe, entropy in ways[False] if nfe in "12") < 0.05
+        assert min(entropy for _, entropy in ways[True]) > 1.6
 
 
 def test_the_how_to_quotes_whole_paths():
     told = (ROOT / "docs/how_to/choose_a_policy.md").read_text("utf-8")
     told = told.split("### Whole paths")[1].split("\n## ")[0]
-    ring, narrow = (stored_comparison(f"{name}_data").at for name in ("arm_ring", "arm_avoid"))
-    each = [narrow("mean_flow_data", nfe)["success"] for nfe in (1, 2, 16)]
+    ring = stored_comparison("arm_ring_data").at
+    tables = [stored_comparison(f"arm_avoid{name}") for name in ("", "_data")]
+    each = [tables[1].at("mean_flow_data", nfe)["success"] for nfe in (1, 2, 16)]
     assert "MeanFlow has {:.2f}, {:.2f} and {:.2f} at".format(*each).replace("0.", ".") in told
-    rows = (
-        (1, "mean_flow_data", "{:.3f}"),
-        (1, "residual", "{:.2f}"),
-        (1, "independent", "{:.2f}"),
-    )
-    each = [form.format(ring(m, nfe)["success"]) for nfe, m, form in rows]
-    words = "MeanFlow has {} at one evaluation, conditional pairs {}, independent pairs {}."
+    methods = "mean_flow_data", "residual", "independent"
+    each = (two_digits(ring(method, 1)["success"]) for method in methods)
+    words = "MeanFlow has {} at one evaluation, residual pairs {}, independent pairs {}."
     assert words.format(*each).replace("0.", ".") in told
+    ways = {"adaptive weights": "adaptive_weights", "flow": "residual", "": "minibatch_ot"}
+    ways |= {"MeanFlow": "mean_flow"} | dict.fromkeys(("DDIM", "DDPM"), "diffusion")
+    rows = [line.split("|")[1:-1] for line in told.splitlines() if re.match(r"\| \d", line)]
+    assert len(rows) == 4
+    for nfe, *cells in rows:
+        for column, cell in enumerate(each.strip() for each in cells):
+            table = tables[column > 1]
+            for way, value in re.findall(r"([A-Za-z ]*?) ?(\.\d+)", cell.replace(", ", ",")):
+                paired = "_residual" * (0 < column < 3 and way != "flow")
+                method = ways[way] + "_data" * (column > 1 and way == "MeanFlow") + paired
+                method = "independent" if way == "flow" and not column else method
+                row = (
+                    table.rows[method, "ddpm-100"] if nfe == " 100 " else table.at(method, int(nfe))
+                )
+                assert two_digits(row["success"]).removeprefix("0") == value
