@@ -37,9 +37,13 @@ TRAINED["push_t_pixels_12000"] = "Push-T from pixels, 12,000 steps"
 LENGTHS = "steps", r"(_\d+)?", (0.5, 1.0, 2.0)
 RATES = "learning_rate", r"(_rate_[\d.]+)?", (1.0, 3.0)
 
-#: Between two rows of pillars: what a network predicts, and the endings of other lengths.
-PATHS = {"velocity": "arm_avoid", "path": "arm_avoid_data"}
-STEPS = "_3000", "", "_12000"
+#: Whole paths, by heading: the usual table, and the endings of its other trainings.
+PATHS = {
+    "Between two rows": ("arm_avoid", ("_3000", "", "_12000", "_rate_0.001")),
+    "Past the pillar": ("arm_ring", ("", "_12000", "_rate_0.003")),
+}
+#: Ways whose networks predict the path in the tables of the velocity, too.
+MEANS = "behaviour_cloning", "two_passes"
 
 #: For the how-to: the training that most rows of a task have, and the names of all others.
 OTHER = r"(_\d+)?(_rate_[\d.]+)?"
@@ -136,15 +140,15 @@ def told(row: Values, *, bold: bool) -> str:
     return "**" * bold + ", ".join(short(value) for value in each) + "**" * bold + covered
 
 
-def paths() -> Iterator[list[str]]:
-    """Rows of the table of whole paths between two rows of pillars, after other trainings."""
-    for target, name in PATHS.items():
-        half, once, twice = (stored_comparison(f"{name}{ending}") for ending in STEPS)
+def paths(task: str, endings: tuple[str, ...]) -> Iterator[list[str]]:
+    """Rows of a table of whole paths after other trainings."""
+    for name, target in ((task, "velocity"), (f"{task}_data", "path")):
+        tables = {ending: stored_comparison(f"{name}{ending}") for ending in endings}
         for method, nfe in product(METHODS, (1, 2, 16)):
-            found = [table.at(method, nfe) for table in (half, once, twice)]
-            if found[0] or found[2]:
-                cells = (told(row, bold=False) if row else "" for row in found)
-                yield [label_of(method), target, str(nfe), *cells]
+            found = {ending: table.at(method, nfe) for ending, table in tables.items()}
+            if any(row for ending, row in found.items() if ending):
+                cells = (told(row, bold=False) if row else "" for row in found.values())
+                yield [label_of(method), "path" if method in MEANS else target, str(nfe), *cells]
 
 
 def settled() -> Iterator[list[str]]:
@@ -250,7 +254,7 @@ def main() -> None:
     tables = {
         "Own settings": own_settings(),
         "Length of training": trained(*LENGTHS),
-        "Between two rows": paths(),
+        **{heading: paths(*which) for heading, which in PATHS.items()},
         "Learning rate": trained(*RATES),
         "Frame of the goal": frames(),
         "Settled": settled(),
