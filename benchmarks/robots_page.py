@@ -37,13 +37,9 @@ TRAINED["push_t_pixels_12000"] = "Push-T from pixels, 12,000 steps"
 LENGTHS = "steps", r"(_\d+)?", (0.5, 1.0, 2.0)
 RATES = "learning_rate", r"(_rate_[\d.]+)?", (1.0, 3.0)
 
-#: Whole paths, by heading: the usual table, and the endings of its other trainings.
-PATHS = {
-    "Between two rows": ("arm_avoid", ("_3000", "", "_12000", "_rate_0.001")),
-    "Past the pillar": ("arm_ring", ("", "_12000", "_rate_0.003")),
-}
-#: Ways whose networks predict the path in the tables of the velocity, too.
-MEANS = "behaviour_cloning", "two_passes"
+#: Between two rows of pillars: what a network predicts, and the endings of other trainings.
+PATHS = {"velocity": "arm_avoid", "path": "arm_avoid_data"}
+ENDINGS = "_3000", "", "_12000", "_rate_0.001"
 
 #: For the how-to: the training that most rows of a task have, and the names of all others.
 OTHER = r"(_\d+)?(_rate_[\d.]+)?"
@@ -57,7 +53,10 @@ DEPLOYED = {
 MARGIN = 0.03
 
 #: The arm in the frame of the world, in that of the goal, and there with other trainings.
-FRAMES = "", "_goal", "_12000_goal", "_rate_0.003_goal"
+FRAMES = (
+    *("", "_goal", "_12000_goal"),
+    *("_rate_0.003_goal", "_12000_rate_0.003_goal", "_rate_0.003_goal_velocity"),
+)
 
 
 def short(value: float, digits: int = 3) -> str:
@@ -140,15 +139,15 @@ def told(row: Values, *, bold: bool) -> str:
     return "**" * bold + ", ".join(short(value) for value in each) + "**" * bold + covered
 
 
-def paths(task: str, endings: tuple[str, ...]) -> Iterator[list[str]]:
-    """Rows of a table of whole paths after other trainings."""
-    for name, target in ((task, "velocity"), (f"{task}_data", "path")):
-        tables = {ending: stored_comparison(f"{name}{ending}") for ending in endings}
+def paths() -> Iterator[list[str]]:
+    """Rows of the table of whole paths between two rows of pillars, after other trainings."""
+    for target, name in PATHS.items():
+        tables = {ending: stored_comparison(f"{name}{ending}") for ending in ENDINGS}
         for method, nfe in product(METHODS, (1, 2, 16)):
             found = {ending: table.at(method, nfe) for ending, table in tables.items()}
             if any(row for ending, row in found.items() if ending):
                 cells = (told(row, bold=False) if row else "" for row in found.values())
-                yield [label_of(method), "path" if method in MEANS else target, str(nfe), *cells]
+                yield [label_of(method), target, str(nfe), *cells]
 
 
 def settled() -> Iterator[list[str]]:
@@ -254,7 +253,7 @@ def main() -> None:
     tables = {
         "Own settings": own_settings(),
         "Length of training": trained(*LENGTHS),
-        **{heading: paths(*which) for heading, which in PATHS.items()},
+        "Between two rows": paths(),
         "Learning rate": trained(*RATES),
         "Frame of the goal": frames(),
         "Settled": settled(),
