@@ -67,7 +67,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, help="of a training, if not those of the task")
     parser.add_argument("--rate", type=float, help="learning rate, if not that of the task")
     parser.add_argument("--frame", help="of observations and plans, if not that of the task")
-    parser.add_argument("--prediction", default="data", help="of networks that are not MeanFlow's")
+    parser.add_argument("--prediction", default="data", help="target of flows and diffusion")
     parser.add_argument("--midpoint", action="store_true", help="two evaluations of flows")
     asked = parser.parse_args()
     name, options = f"own_settings_{asked.task.replace('-', '_')}", {"prediction": asked.prediction}

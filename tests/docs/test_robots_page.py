@@ -241,13 +241,22 @@ def test_the_tables_of_other_trainings_are_those_of_the_files(section, ending):
             assert any(one[:3] == start and told in one[3:] for one in listed), (stem, start)
 
 
-def test_the_page_quotes_other_frames_and_rates():
-    page = PAGE.read_text("utf-8")
-    name, which = "own_settings_arm_ring_receding_{}", (("goal", 2), ("rate_0.003", 1))
-    rows = (stored_comparison(name.format(ending)).at("mean_flow", k) for ending, k in which)
-    goal, rate = (f"{round(row['success'], 3):g}".removeprefix("0") for row in rows)
-    assert f"MeanFlow leads with {goal}" in page
-    assert f"it rises from .715 to {rate} at one" in page
+def test_the_page_quotes_other_trainings():
+    page, arm = PAGE.read_text("utf-8"), "own_settings_arm_ring_receding_"
+    for words, name, method, nfes in (
+        ("MeanFlow leads with {}", f"{arm}goal", "mean_flow", [2]),
+        ("it rises from .715 to {} at one", f"{arm}rate_0.003", "mean_flow", [1]),
+        ("passes both at one: {}, and {} at two", f"{arm}12000", "mean_flow_data", [1, 2]),
+        ("with .003 three have {} and {})", f"{arm}rate_0.003", "mean_flow_data", [1, 2]),
+        ("has {} at one, and {} at two:", f"{arm}rate_0.003_goal_velocity", "independent", [1, 2]),
+        ("pairs, {}, {} and {} at", "arm_avoid_rate_0.001", "adaptive_weights", [1, 2, 16]),
+        ("temperature {}, {} and {})", "arm_avoid_rate_0.001", "adaptive_weights", [1, 2, 16]),
+        ("path has {}, {} and {} at", "arm_avoid_data_adaptive", "adaptive_weights", [1, 2, 16]),
+    ):
+        at = stored_comparison(name).at
+        rows = (at(method, nfe, cooled="temperature" in words) for nfe in nfes)
+        each = (f"{row['success']:.3f}".removeprefix("0").removesuffix("0") for row in rows)
+        assert words.format(*each) in page, words
 
 
 def test_meanflow_with_the_chunk_is_quoted_as_the_files_say():
