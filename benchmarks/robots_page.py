@@ -8,7 +8,7 @@ the robots and on the how-to for choosing a policy.
 
 import re
 from collections.abc import Iterable, Iterator
-from itertools import product
+from itertools import groupby, product
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +122,7 @@ def frames() -> Iterator[list[str]]:
     tables = [stored_comparison(f"own_settings_{name}{ending}").rows for ending in FRAMES]
     for key, row in methods_of(tables[1:]).items():
         cells = (told(rows[key], bold=False) if key in rows else "" for rows in tables)
-        yield [TASKS[name][0], label_of(key[0]), str(row["nfe"]), *cells]
+        yield [label_of(key[0]), str(row["nfe"]), *cells]
 
 
 def preferred(found: dict[float, Values]) -> float:
@@ -237,6 +237,14 @@ def from_last_plan() -> Iterator[list[str]]:
             yield [label_of(method), *(short(means[n], 2) if n in means else "" for n in names)]
 
 
+def by_task(rows: Iterable[list[str]]) -> Iterator[list[str]]:
+    """The rows without their task; it stands above its first row."""
+    for task, group in groupby(rows, key=lambda row: row[0]):
+        first, *others = (row[1:] for row in group)
+        yield [f"**{task}**", *[""] * (len(first) - 1)]
+        yield from (first, *others)
+
+
 def replaced(path: Path, tables: dict[str, Iterable[list[str]]]) -> None:
     """Replaces the rows of a page's tables, each the first below a heading."""
     page = path.read_text("utf-8")
@@ -251,12 +259,12 @@ def replaced(path: Path, tables: dict[str, Iterable[list[str]]]) -> None:
 def main() -> None:
     """Replaces the rows of the tables."""
     tables = {
-        "Own settings": own_settings(),
-        "Length of training": trained(*LENGTHS),
+        "Own settings": by_task(own_settings()),
+        "Length of training": by_task(trained(*LENGTHS)),
         "Between two rows": paths(),
-        "Learning rate": trained(*RATES),
+        "Learning rate": by_task(trained(*RATES)),
         "Frame of the goal": frames(),
-        "Settled": settled(),
+        "Settled": by_task(settled()),
     }
     replaced(PAGE, tables)
     how_to = {"What the stored tables say": deployed(), "From the last plan": from_last_plan()}
