@@ -37,9 +37,12 @@ TRAINED["push_t_pixels_12000"] = "Push-T from pixels, 12,000 steps"
 LENGTHS = "steps", r"(_\d+)?", (0.5, 1.0, 2.0)
 RATES = "learning_rate", r"(_rate_[\d.]+)?", (1.0, 3.0)
 
-#: Between two rows of pillars: what a network predicts, and the endings of other trainings.
-PATHS = {"velocity": "arm_avoid", "path": "arm_avoid_data"}
-ENDINGS = "_3000", "", "_12000", "_rate_0.001"
+#: Whole paths: what a network predicts, and its table; the names of other trainings end in these.
+PATHS = {
+    "between two rows": {"velocity": "arm_avoid", "path": "arm_avoid_data"},
+    "past a pillar": {"velocity": "arm_ring", "path": "arm_ring_data"},
+}
+ENDINGS = "_3000", "", "_12000", "_rate_0.001", "_rate_0.003"
 
 #: For the how-to: the training that most rows of a task have, and the names of all others.
 OTHER = r"(_\d+)?(_rate_[\d.]+)?"
@@ -140,14 +143,17 @@ def told(row: Values, *, bold: bool) -> str:
 
 
 def paths() -> Iterator[list[str]]:
-    """Rows of the table of whole paths between two rows of pillars, after other trainings."""
-    for target, name in PATHS.items():
-        tables = {ending: stored_comparison(f"{name}{ending}") for ending in ENDINGS}
-        for method, nfe in product(METHODS, (1, 2, 16)):
-            found = {ending: table.at(method, nfe) for ending, table in tables.items()}
-            if any(row for ending, row in found.items() if ending):
-                cells = (told(row, bold=False) if row else "" for row in found.values())
-                yield [label_of(method), target, str(nfe), *cells]
+    """Rows of the table of whole paths after other trainings."""
+    for task, names in PATHS.items():
+        for target, name in names.items():
+            files = {ending: RESULTS / f"{name}{ending}.json" for ending in ENDINGS}
+            tables = {k: stored_comparison(f.stem) for k, f in files.items() if f.is_file()}
+            for method, nfe in product(METHODS, (1, 2, 16)):
+                found = {ending: table.at(method, nfe) for ending, table in tables.items()}
+                if any(row for ending, row in found.items() if ending):
+                    rows = (found.get(ending) for ending in ENDINGS)
+                    cells = (told(row, bold=False) if row else "" for row in rows)
+                    yield [task, label_of(method), str(nfe), target, *cells]
 
 
 def settled() -> Iterator[list[str]]:
@@ -181,30 +187,32 @@ def settled() -> Iterator[list[str]]:
 def deployed() -> Iterator[list[str]]:
     """Rows of the how-to: successes at 1, 2 and 16 evaluations, in brackets the coverage."""
     for method in METHODS:
-        found = [best_training(*names, method) for names in DEPLOYED.items()]
-        if any(rows for rows, _ in found):
-            yield [label_of(method), *(both_scores(rows) + mark for rows, mark in found)]
+        cells = []
+        for usual, pattern in DEPLOYED.items():
+            found = (best_training(usual, pattern, method, nfe) for nfe in (1, 2, 16))
+            cells.append(both_scores([both for both in found if both]))
+        if any(cells):
+            yield [label_of(method), *cells]
 
 
-def best_training(usual: str, pattern: str, method: str) -> tuple[list[Values], str]:
-    """The rows of the training that exploration starts prefer, and a mark if it is another.
+def best_training(usual: str, pattern: str, method: str, nfe: int) -> tuple[Values, str] | None:
+    """The row of the training that exploration starts prefer, and a mark if it is another.
 
-    First networks decide (`goals.md`, before goal 115).
+    Networks that both trainings have decide (`goals.md`, goal 136).
     """
-    found = {}
+    ours = stored_comparison(f"own_settings_{usual}").at(method, nfe)
+    if not ours:
+        return None
+    best, most = (ours, ""), MARGIN
     for path in sorted(RESULTS.glob("own_settings_*.json")):
         name = path.stem.removeprefix("own_settings_")
-        if re.fullmatch(pattern, name):
-            rows = (stored_comparison(path.stem).at(method, nfe) for nfe in (1, 2, 16))
-            found[name] = [row for row in rows if row]
-    ours = found.pop(usual)
-
-    def gain(rows: list[Values]) -> float:
-        return explored(rows, {0}) - explored(ours, {0})
-
-    others = [(gain(rows), rows) for rows in found.values() if rows and ours]
-    most, rows = max(others, key=lambda pair: pair[0], default=(0.0, ours))
-    return (rows, " *") if most >= MARGIN else (ours, "")
+        if name != usual and re.fullmatch(pattern, name):
+            row = stored_comparison(path.stem).at(method, nfe)
+            shared = set(row["seeds"]) & set(ours["seeds"]) if row else set()
+            gain = round(explored([row], shared) - explored([ours], shared), 6) if row else 0
+            if row and gain >= most:
+                best, most = (row, "*"), gain
+    return best
 
 
 def explored(rows: list[Values], seeds: set[int]) -> float:
@@ -213,11 +221,11 @@ def explored(rows: list[Values], seeds: set[int]) -> float:
     return sum(each) / len(each)
 
 
-def both_scores(rows: list[Values]) -> str:
-    """The success in each row, and where there is one the coverage."""
-    won = (row.get("success", row.get("success_95")) for row in rows)
-    told = [short(v).rstrip("0") if 0.99 <= v < 0.9995 else short(v, 2) for v in won]
-    covered = [short(row["coverage"], 2) for row in rows if "coverage" in row]
+def both_scores(found: list[tuple[Values, str]]) -> str:
+    """The success in each row with its mark, and where there is one the coverage."""
+    won = [(row.get("success", row.get("success_95")), mark) for row, mark in found]
+    told = ((short(v).rstrip("0") if 0.99 <= v < 0.9995 else short(v, 2)) + mark for v, mark in won)
+    covered = [short(row["coverage"], 2) for row, _ in found if "coverage" in row]
     return ", ".join(told) + f"<br>({', '.join(covered)})" * bool(covered)
 
 
@@ -261,7 +269,7 @@ def main() -> None:
     tables = {
         "Own settings": by_task(own_settings()),
         "Length of training": by_task(trained(*LENGTHS)),
-        "Between two rows": paths(),
+        "Whole paths": by_task(paths()),
         "Learning rate": by_task(trained(*RATES)),
         "Frame of the goal": frames(),
         "Settled": by_task(settled()),

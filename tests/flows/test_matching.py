@@ -33,8 +33,7 @@ def test_the_loss_is_the_squared_error_of_each_row():
         return torch.ones_like(x)
 
     losses = conditional_flow_matching_loss(network, batch, seeded(3))
-    expected = (1 - (batch.x1 - batch.x0)).square().sum(dim=1)
-    assert torch.allclose(losses, expected)
+    assert torch.allclose(losses, (1 - (batch.x1 - batch.x0)).square().sum(dim=1))
     assert torch.equal(seen["t"], torch.rand(6, generator=seeded(3)))
     assert torch.equal(seen["x"], interpolate(batch.x0, batch.x1, seen["t"]))
     assert torch.equal(seen["c"], batch.c)

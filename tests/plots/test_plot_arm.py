@@ -53,8 +53,7 @@ def test_the_arm_stands_on_the_table_and_its_tip_is_where_it_is():
     ax = plots.arm_pose(points, STATE, title="arm")
     assert np.allclose(points[0], 0)
     assert np.allclose(points[-1], STATE[:3], atol=1e-4)
-    tool = np.array(ax.lines[-1].get_data_3d()).T
-    assert np.allclose(tool, points[-2:])
+    assert np.allclose(np.array(ax.lines[-1].get_data_3d()).T, points[-2:])
     ax.figure.canvas.draw()
 
 

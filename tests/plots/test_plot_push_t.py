@@ -37,8 +37,7 @@ def test_an_episode_shows_the_path_and_the_first_and_last_tee():
 
 def test_chunks_begin_at_the_agent():
     chunks = np.random.default_rng(0).uniform(0, 512, (5, 16, 2))
-    ax = plots.push_t_chunks(STATE, chunks)
-    lines, dots = ax.collections
+    lines, dots = plots.push_t_chunks(STATE, chunks).collections
     assert len(lines.get_segments()) == 5
     assert all(np.allclose(line[0], STATE[:2]) for line in lines.get_segments())
     assert np.allclose(dots.get_offsets(), chunks[:, -1])

@@ -46,8 +46,7 @@ def test_it_passes_its_points_at_their_times_and_begins_and_ends_at_rest():
 def test_nothing_has_less_jerk():
     """Against a direct minimisation over samples of the path."""
     points, times, n = np.array([[0.0], [1.0], [0.2]]), np.array([0.0, 0.4, 1.0]), 51
-    at = np.linspace(0, 1, n)
-    ours = minimum_jerk(points, times, at)[:, 0]
+    ours = minimum_jerk(points, times, np.linspace(0, 1, n))[:, 0]
 
     def jerk(path):
         whole = np.concatenate([[points[0, 0]] * 3, path, [points[-1, 0]] * 3])

@@ -115,8 +115,7 @@ def test_the_value_is_zero_at_the_goal_and_grows_away_from_it():
     assert values[0] == 0
     assert (np.diff(values) > 5).all()
     assert (value.table >= 0).all()
-    mirrored = value(poses * [-1, 1, -1])
-    assert mirrored == pytest.approx(values, abs=3)
+    assert value(poses * [-1, 1, -1]) == pytest.approx(values, abs=3)
 
 
 # --- the demonstrator -------------------------------------------------------------------------

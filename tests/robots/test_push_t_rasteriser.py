@@ -19,8 +19,7 @@ def _shares(pictures, *colours):
     mixing = torch.tensor(colours, dtype=torch.float64).T
     mixing = torch.cat([mixing, torch.ones(1, len(colours), dtype=torch.float64)])
     seen = torch.cat([pictures.double(), torch.ones(*pictures.shape[:3], 1)], dim=3)
-    share = seen @ torch.linalg.pinv(mixing).T
-    return share.sum(dim=(1, 2))
+    return (seen @ torch.linalg.pinv(mixing).T).sum(dim=(1, 2))
 
 
 @pytest.mark.parametrize(("size", "within"), [(32, 0.15), (96, 0.03), (384, 0.01)])
