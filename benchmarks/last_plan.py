@@ -44,7 +44,7 @@ class Continued(Sampler):
         if self.inner.family != "diffusion":
             x = (1 - self.t) * noise[0] + self.t * self.guess
             jumps = isinstance(self.inner, JumpSampler)
-            velocity = network if jumps else velocity_of(network, self.inner.prediction)
+            velocity = velocity_of(network, self.inner.prediction)
             for now, after in pairwise(torch.linspace(self.t, 1, self.nfe + 1)):
                 x = x + (after - now) * velocity(now, x, c, *[after - now] * jumps)
             return x

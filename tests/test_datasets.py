@@ -44,8 +44,7 @@ def test_sample_given_draws_rows_of_that_condition_without_replacement(rows):
 
 def test_conditions_are_the_distinct_ones_or_spread_over_many(rows):
     assert torch.equal(rows.conditions(), torch.eye(3))
-    many = Dataset(torch.zeros(100, 1), torch.arange(100.0)[:, None])
-    c = many.conditions(n=5)
+    c = Dataset(torch.zeros(100, 1), torch.arange(100.0)[:, None]).conditions(n=5)
     assert c.shape == (5, 1)
     assert (c[0], c[-1]) == (0, 99)
 

@@ -101,8 +101,7 @@ def test_plain_ot_has_a_ratio_of_about_a_half():
     M, C = squared_distances(x0, x1), squared_distances(c[torch.from_numpy(own)], c)
     partner = np.argsort(own)
     assert (M[partner, np.arange(100)] >= M).mean() == pytest.approx(0.5, abs=0.1)
-    coupling = Watched(0.9)
-    assert coupling.weight(M, C, own) == 0
+    assert Watched(0.9).weight(M, C, own) == 0
 
 
 @pytest.mark.parametrize("classes", [2, 5])

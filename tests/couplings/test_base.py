@@ -267,8 +267,7 @@ def test_noise_comes_from_the_source():
 
 def test_noise_has_the_dtype_of_the_data():
     data = Dataset(torch.zeros(5, 2, dtype=torch.float64))
-    pairs = next(Independent().stream(data, batch_size=3))
-    assert pairs.x0.dtype == torch.float64
+    assert next(Independent().stream(data, batch_size=3)).x0.dtype == torch.float64
 
 
 def test_data_without_a_condition():

@@ -109,8 +109,7 @@ def test_clusters_keep_to_themselves():
     label = KMeansCondition(4).fit(c).labels(c)
     assert torch.equal(label[pairs.target_index], label)
     assert len(pairs.target_index.unique()) > 4
-    sizes = torch.bincount(label).double()
-    expected = float((sizes**2).sum() / 200)
+    expected = float((torch.bincount(label).double() ** 2).sum() / 200)
     assert coupling.candidates(pairs.x0, pairs.x1, c) == pytest.approx(expected)
 
 

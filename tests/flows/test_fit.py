@@ -210,8 +210,7 @@ def test_buffers_of_the_network_are_those_of_the_training():
             return self.out(self.norm(x))
 
     net = Normalised()
-    result = train(net)
-    assert result.network.norm.num_batches_tracked == OPTIONS["steps"]
+    assert train(net).network.norm.num_batches_tracked == OPTIONS["steps"]
     assert net.norm.num_batches_tracked == 0
 
 

@@ -87,8 +87,7 @@ def test_closing_stops_the_thread_of_an_endless_iterator():
 
 
 def test_closing_before_the_first_item_starts_nothing():
-    items = prefetch(itertools.count())
-    items.close()
+    prefetch(itertools.count()).close()
     assert threads() == []
 
 

@@ -9,8 +9,11 @@ import pytest
 import torch
 
 from cotlearn.assets import find_data
+from cotlearn.flows.networks import ResidualMLP
+from cotlearn.flows.one_step.mean_velocity import MeanVelocity
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import rollout
+from cotlearn.policies.samplers import JumpSampler
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -35,9 +38,14 @@ def plans(policy, n=3):
     return executed, whole
 
 
+@pytest.mark.parametrize("jumps", [False, True])
 @pytest.mark.parametrize("nfe", [1, 2])
-def test_without_last_plans_it_is_the_policy(policy, nfe):
+def test_without_last_plans_it_is_the_policy(policy, nfe, jumps):
     drawn = policy.with_sampler(replace(policy.sampler, nfe=nfe))
+    if jumps:  # of a network that predicts the chunk, without training
+        wide = policy.windows.condition_dim + 1  # with the length of a jump
+        network = MeanVelocity(ResidualMLP(policy.windows.dim, condition_dim=wide, seed=0))
+        drawn = replace(drawn, network=network, sampler=JumpSampler(nfe, prediction="data"))
     kept = {"episodes": 4, "max_steps": 20, "progress": False, "record": True}
     mine, theirs = rollout(LastPlan(drawn, 0.0), **kept), rollout(drawn, **kept)
     np.testing.assert_allclose(mine.states, theirs.states, atol=1e-4)
