@@ -62,8 +62,7 @@ def test_one_mode_for_each_condition_needs_no_coupling():
 def test_a_coupling_must_beat_independent_pairs_by_more_than_chance(seed):
     """Data with nothing to straighten: what is picked all the same must have earned it."""
     c = torch.randn(400, 5, generator=seeded(seed))
-    x1 = 3 * c + 0.01 * torch.randn(400, 5, generator=seeded(10 + seed))
-    chosen = advice(x1, c)
+    chosen = advice(3 * c + 0.01 * torch.randn(400, 5, generator=seeded(10 + seed)), c)
     free = chosen.frontier["independent"]
     if isinstance(chosen.coupling, Independent):
         assert "Use independent pairs" in chosen.reason

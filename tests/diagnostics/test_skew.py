@@ -94,8 +94,7 @@ def test_scale_does_not_matter():
 def test_conditions_that_are_constant_or_labels():
     x0 = torch.randn(200, 2, generator=seeded())
     assert not prior_skew(x0, torch.full((200, 20), 0.1), generator=seeded()).flagged
-    labels = (x0[:, :1] > 0).long()
-    assert prior_skew(x0, labels, generator=seeded()).flagged
+    assert prior_skew(x0, (x0[:, :1] > 0).long(), generator=seeded()).flagged
 
 
 def test_unit_variance_leaves_constants_out():

@@ -245,6 +245,16 @@ def test_the_tables_of_other_trainings_are_those_of_the_files(section, ending):
             assert any(one[:3] == start and told in one[3:] for one in found), (stem, start)
 
 
+def test_lessons_quote_another_rate():
+    pixels = stored_comparison("own_settings_push_t_pixels_12000_rate_0.003").at
+    people = stored_comparison("own_settings_push_t_human_rate_0.003").at
+    rows = pixels("independent", 1), pixels("diffusion", 1)
+    rows += people("mean_flow_data", 2), people("diffusion", 1)
+    each = [f"{row['success_95']:.2f}" for row in rows]
+    assert "gives the others {} and {}.".format(*each) in said("11")
+    assert "has {} at two (one network), DDIM {} at one.".format(*each[2:]) in said("14")
+
+
 def test_the_page_quotes_other_trainings():
     page, arm = PAGE.read_text("utf-8"), "own_settings_arm_ring_receding_"
     for words, name, method, nfes in (

@@ -146,8 +146,7 @@ class _Shift(Independent):
     """Pairs x1 with the noise it came from, so that the free middle is a moving Gaussian."""
 
     def match(self, x0, x1, c, rng):
-        match = super().match(x0, x1, c, rng)
-        return match._replace(x1=x0 + torch.tensor([4.0, 0.0]))
+        return super().match(x0, x1, c, rng)._replace(x1=x0 + torch.tensor([4.0, 0.0]))
 
 
 def test_optimal_action_matching_trains_to_the_map():

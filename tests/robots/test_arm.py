@@ -204,8 +204,7 @@ def test_modes_of_paths():
 
 def test_pillars_stand_where_the_state_says():
     """The tip is lowered onto a pillar: it is touched at its height."""
-    state = random_start(np.random.default_rng(2), "ring")
-    x, y, _, height = pillars(state)[0]
+    x, y, _, height = pillars(random_start(np.random.default_rng(2), "ring"))[0]
     sim = ArmVectorSim.from_seeds([2], "ring")
     above = np.array([[x, y, height + 0.05]])
     sim.step(sim.states[:, TIP] + [0, 0, 0.2])

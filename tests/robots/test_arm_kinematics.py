@@ -15,8 +15,7 @@ def model():
 def test_the_model_has_the_published_kinematics(model):
     """MuJoCo's positions and Jacobian against ours, and ours against finite differences."""
     engine, data = mujoco(), mujoco().MjData(model)
-    rng = np.random.default_rng(0)
-    angles = rng.uniform(LOWER, UPPER, (50, 7))
+    angles = np.random.default_rng(0).uniform(LOWER, UPPER, (50, 7))
     chain = forward(angles)
     jacobian, turning = np.zeros((3, 7)), np.zeros((3, 7))
     for row, q in enumerate(angles):
