@@ -28,8 +28,11 @@ TASKS = {
     "push_t_human": ("Push-T, people", "push_t_human"),
     "arm_ring_receding": ("arm, planning again", "arm_ring_receding"),
 }
-#: What was settled after twice the steps.
-LONGER = "arm_ring_receding_12000", "arm, planning again, 12,000 steps"
+#: What was settled after other trainings.
+OTHERS = {
+    "arm_ring_receding_12000": "arm, planning again, 12,000 steps",
+    "arm_ring_receding_12000_rate_0.003_goal": "the same, goal's frame, rate .003",
+}
 #: What has another rate after twice the steps.
 TRAINED = {name: words for name, (words, _) in TASKS.items()}
 TRAINED["push_t_pixels_12000"] = "Push-T from pixels, 12,000 steps"
@@ -158,7 +161,7 @@ def paths() -> Iterator[list[str]]:
 
 def settled() -> Iterator[list[str]]:
     """Rows of the table of settled policies."""
-    for name, task in [*((name, task) for name, (task, _) in TASKS.items()), LONGER]:
+    for name, task in ({name: task for name, (task, _) in TASKS.items()} | OTHERS).items():
         cells = read_json(RESULTS / f"settled_{name}.json", "cells")["cells"]
         for (method, sampler), row in stored_comparison(f"own_settings_{name}").rows.items():
             key = {"method": method, "sampler": sampler}
