@@ -93,7 +93,7 @@ def test_the_table_of_own_settings_is_that_of_the_files():
 def test_the_table_of_settled_policies_is_that_of_the_files():
     page, listed = rows_of("Settled")
     expected = []
-    for name in re.findall(r"settled_(\w+)\.json", page):
+    for name in re.findall(r"settled_([\w.]+)\.json", page):
         text = (ROOT / f"data/results/settled_{name}.json").read_text("utf-8")
         rows = {}
         for cell in sorted(json.loads(text)["cells"], key=lambda cell: cell["key"]["seed"]):
@@ -358,9 +358,11 @@ def test_the_how_to_quotes_whole_paths():
     tables = [stored_comparison(f"arm_avoid{name}") for name in ("", "_data")]
     each = [tables[1].at("mean_flow_data", nfe)["success"] for nfe in (1, 2, 16)]
     assert "MeanFlow has {:.2f}, {:.2f} and {:.2f} at".format(*each).replace("0.", ".") in told
-    methods = "mean_flow_data", "residual", "independent"
+    methods = "mean_flow_data", "minibatch_ot", "residual", "independent"
     each = (two_digits(ring(method, 1)["success"]) for method in methods)
-    words = "MeanFlow has {} at one evaluation, residual pairs {}, independent pairs {}."
+    words = (
+        "MeanFlow has {} at one evaluation, naive OT {}, residual pairs {}, independent pairs {}."
+    )
     assert words.format(*each).replace("0.", ".") in told
     ways = {"adaptive weights": "adaptive_weights", "flow": "residual", "": "minibatch_ot"}
     ways |= {"MeanFlow": "mean_flow"} | dict.fromkeys(("DDIM", "DDPM"), "diffusion")
