@@ -146,5 +146,4 @@ def test_an_installed_wheel_has_the_course_inside(tmp_path, monkeypatch):
 
 
 def test_this_checkout_is_found():
-    root = assets.checkout()
-    assert root == Path(__file__).resolve().parent.parent
+    assert assets.checkout() == Path(__file__).resolve().parent.parent
