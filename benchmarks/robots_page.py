@@ -60,7 +60,7 @@ MARGIN = 0.03
 
 #: The arm in the frame of the world, in that of the goal, and there with other trainings.
 FRAMES = (
-    *("", "_goal", "_12000_goal"),
+    *("", "_goal", "_12000_goal", "_3000_rate_0.003_goal"),
     *("_rate_0.003_goal", "_12000_rate_0.003_goal", "_rate_0.003_goal_velocity"),
 )
 
