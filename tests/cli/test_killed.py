@@ -138,8 +138,7 @@ def test_bench(tmp_path, start, number):
     first = tmp_path / "cells" / "behaviour_cloning-0.json"
     end_when_there_is(first, start(words, tmp_path), number)
     before = first.read_bytes()
-    said = finish(start(words, tmp_path), tmp_path)
-    assert "2 cells, 1 done already" in said
+    assert "2 cells, 1 done already" in finish(start(words, tmp_path), tmp_path)
     assert first.read_bytes() == before
     assert (tmp_path / "cells" / "behaviour_cloning-1.json").exists()
     assert (tmp_path / "summary.json").exists()

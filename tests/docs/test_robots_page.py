@@ -252,9 +252,16 @@ def test_lessons_quote_another_rate():
     half = stored_comparison("own_settings_push_t_human_4000").at("mean_flow_data", 2)
     rows = [pixels(m, 1) for m in ("independent", "diffusion", "residual", "diffusion_residual")]
     rows += people("mean_flow_data", 2), half, people("diffusion", 1)
+    rows += people("mean_flow_data_residual", 2), people("diffusion_residual", 1)
     each = [two_digits(row["success_95"]) for row in rows]
     assert "flow {} and DDIM {} at one, on clusters {} and {}: level".format(*each) in said("11")
-    assert "{} at two (with half of the steps {}), DDIM {} at".format(*each[4:]) in said("14")
+    words = "{} at two (with half of the steps {}), DDIM {} at one; on residual pairs {} and {},"
+    assert words.format(*each[4:]) in said("14")
+    world = stored_comparison("own_settings_arm_ring_receding").at
+    each = [world("minibatch_ot", 1), world("minibatch_ot", 16)]
+    each += [stored_comparison("arm_ring_data_rate_0.003").at("independent", 1)]
+    words = "own settings {:.2f} to {:.2f})", "the rate, a flow has {2:.2f}, one way"
+    assert all(w.format(*(row["success"] for row in each)) in said("10") for w in words)
 
 
 def test_the_page_quotes_other_trainings():

@@ -106,8 +106,7 @@ def test_a_run_that_is_killed_goes_on(begun, tmp_path):
     assert not out.exists()
     kept = {path: path.read_text() for path in known.glob("*.json")}
 
-    rows = grade(work, out)
-    assert [row.kept for row in rows] == [True, True, False]
+    assert [row.kept for row in grade(work, out)] == [True, True, False]
     assert {path: path.read_text() for path in kept} == kept
     assert [row["hw1.euler"] for row in table(out)] == [EACH[1]] * 3
     assert [row["hw1.loss"] for row in table(out)] == ["4", "4", "0"]

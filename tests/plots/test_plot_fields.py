@@ -37,5 +37,4 @@ def test_outlines_are_closed_and_coloured_by_condition():
 
 
 def test_velocity_field(cloud):
-    ax = plots.velocity_field(cloud[0], cloud[1], limit=3)
-    assert ax.get_xlabel()
+    assert plots.velocity_field(cloud[0], cloud[1], limit=3).get_xlabel()
