@@ -233,19 +233,25 @@ def both_scores(found: list[tuple[Values, str]]) -> str:
 
 
 def from_last_plan() -> Iterator[list[str]]:
-    """Rows of the how-to: successes of settled policies at one evaluation."""
+    """Rows of the how-to: success of settled policies at one evaluation, and mean coverage."""
     names = "arm_ring_receding", "push_t", "push_t_human", "push_t_pixels"
-    tables = {name: stored_comparison(f"own_settings_{name}").rows for name in names}
-    won: dict[str, dict[str, list[float]]] = {method: {} for method in METHODS}
-    for name, rows in tables.items():
+    found: dict[str, dict[str, list[Values]]] = {method: {} for method in METHODS}
+    for name in names:
+        rows = stored_comparison(f"own_settings_{name}").rows
         for cell in read_json(RESULTS / f"settled_{name}.json", "cells")["cells"]:
             method, _, sampler = cell["key"].values()
             if rows[method, sampler]["nfe"] == 1:
-                won[method].setdefault(name, []).append(cell["success"])
-    for method, found in won.items():
-        if found:
-            means = {name: sum(each) / len(each) for name, each in found.items()}
-            yield [label_of(method), *(short(means[n], 2) if n in means else "" for n in names)]
+                found[method].setdefault(name, []).append(cell)
+    for method, cells in found.items():
+        if cells:
+            yield [label_of(method), *(settled_scores(n, cells.get(n, [])) for n in names)]
+
+
+def settled_scores(name: str, cells: list[Values]) -> str:
+    """The mean success of some networks, and where a table has one their coverage."""
+    scores = ("success",) if name.startswith("arm") else ("success", "score")
+    means = [short(sum(cell[k] for cell in cells) / len(cells), 2) for k in scores if cells]
+    return " ".join(f"({mean})" if i else mean for i, mean in enumerate(means))
 
 
 def by_task(rows: Iterable[list[str]]) -> Iterator[list[str]]:

@@ -50,8 +50,7 @@ def test_conditions_are_the_distinct_ones_or_spread_over_many(rows):
 
 
 def test_integer_labels_become_numbers():
-    data = Dataset(torch.zeros(3, 2), torch.eye(3, dtype=torch.int64))
-    assert data.c.dtype == torch.float32
+    assert Dataset(torch.zeros(3, 2), torch.eye(3, dtype=torch.int64)).c.dtype == torch.float32
 
 
 def test_leaving_the_condition_out(rows):

@@ -44,8 +44,7 @@ def test_a_notebook_that_runs(write, tmp_path, monkeypatch, capsys):
     assert path.read_bytes() == before
 
     execution.store(run)
-    stored = nbformat.read(path, as_version=4)
-    assert stored.cells[-1].outputs[0].data["text/plain"] == "2"
+    assert nbformat.read(path, as_version=4).cells[-1].outputs[0].data["text/plain"] == "2"
     assert [item.name for item in path.parent.iterdir() if item.name.startswith(".")] == []
 
     page = execution.to_html(run, tmp_path / "pages")

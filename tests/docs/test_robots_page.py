@@ -117,11 +117,11 @@ def two_digits(value):
     return f"{value:.3f}".rstrip("0") if 0.99 <= value < 0.9995 else f"{value:.2f}"
 
 
-def mean(name, method, sampler):
+def mean(name, method, sampler, score="success"):
     """Of the networks of a settled policy, in words."""
     cells = json.loads((ROOT / f"data/results/settled_{name}.json").read_text("utf-8"))["cells"]
     key = {"method": method, "sampler": sampler}
-    each = [cell["success"] for cell in cells if key.items() <= cell["key"].items()]
+    each = [cell[score] for cell in cells if key.items() <= cell["key"].items()]
     return f"{round(sum(each) / len(each), 6):.2f}"
 
 
@@ -134,7 +134,9 @@ def test_the_how_to_shows_the_settled_policies():
         for cell, name in zip(told, names, strict=True):
             rows = stored_comparison(f"own_settings_{name}").rows
             (key,) = (k for k in rows if label_of(k[0]) == label and rows[k]["nfe"] == 1)
-            assert cell == mean(name, *key).removeprefix("0")
+            scores = ("success",) if name.startswith("arm") else ("success", "score")
+            expected = [mean(name, *key, score).removeprefix("0") for score in scores]
+            assert cell == " (".join(expected) + ")" * (len(scores) - 1)
 
 
 def test_how_to_and_lesson_show_the_best_training_of_each_row():
@@ -249,18 +251,19 @@ def test_the_tables_of_other_trainings_are_those_of_the_files(section, ending):
 def test_lessons_quote_another_rate():
     pixels = stored_comparison("own_settings_push_t_pixels_12000_rate_0.003").at
     people = stored_comparison("own_settings_push_t_human_rate_0.003").at
-    half = stored_comparison("own_settings_push_t_human_4000").at("mean_flow_data", 2)
     rows = [pixels(m, 1) for m in ("independent", "diffusion", "residual", "diffusion_residual")]
-    rows += people("mean_flow_data", 2), half, people("diffusion", 1)
+    rows += people("mean_flow_data", 2), people("diffusion", 1)
     rows += people("mean_flow_data_residual", 2), people("diffusion_residual", 1)
     each = [two_digits(row["success_95"]) for row in rows]
     assert "flow {} and DDIM {} at one, on clusters {} and {}: level".format(*each) in said("11")
-    words = "{} at two (with half of the steps {}), DDIM {} at one; on residual pairs {} and {},"
-    assert words.format(*each[4:]) in said("14")
+    assert "{} at two, DDIM {} at one; on residual pairs {} and {},".format(*each[4:]) in said("14")
     world = stored_comparison("own_settings_arm_ring_receding").at
     each = [world("minibatch_ot", 1), world("minibatch_ot", 16)]
-    each += [stored_comparison("arm_ring_data_rate_0.003").at("independent", 1)]
-    words = "own settings {:.2f} to {:.2f})", "the rate, a flow has {2:.2f}, one way"
+    each += [
+        stored_comparison(f"arm_ring_data_{n}").at("independent", 1)
+        for n in ("rate_0.003", "12000")
+    ]
+    words = "own settings {:.2f} to {:.2f})", "longer, a flow has {2:.2f} or {3:.3f}, one way"
     assert all(w.format(*(row["success"] for row in each)) in said("10") for w in words)
 
 
@@ -321,7 +324,9 @@ def test_lesson_14_quotes_the_lengths_of_training():
         assert abs(own[0] - own[1]) < 0.04
     pairs = zip(quoted(short, "reflow"), quoted(short, "mean_flow_data"), strict=True)
     words = (f"{' and '.join(both)} at {k}" for both, k in zip(pairs, ("one", "two"), strict=True))
-    assert f"the chunk lead: after 8,000 steps with {', '.join(words)} (" in told
+    settled = mean("push_t_human", "independent", "euler-1")
+    words = f"with {', '.join(words)}; from the last plan independent pairs have {settled} ("
+    assert f"the chunk lead from noise: after 8,000 steps {words}" in told
     eight = {name: stored_comparison(f"push_t_human{name}") for name in ("", "_data")}
     for nfe in (1, 2):
         every = [(t.at(m, nfe), m) for t in eight.values() for m in t.methods]

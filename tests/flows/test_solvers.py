@@ -133,8 +133,7 @@ def test_dtype_condition_and_inputs(method, dtype):
 
 
 def test_no_gradient_is_kept():
-    network = VelocityMLP(2, seed=0)
-    assert not integrate(network, torch.zeros(3, 2), nfe=2).x1.requires_grad
+    assert not integrate(VelocityMLP(2, seed=0), torch.zeros(3, 2), nfe=2).x1.requires_grad
 
 
 def test_euler_on_the_exactly_solvable_case():

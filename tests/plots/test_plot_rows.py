@@ -67,8 +67,7 @@ def test_a_heat_map_says_its_numbers_and_leaves_out_what_is_not_there():
 
 
 def test_a_heat_map_of_one_value():
-    ax = plots.strata_heatmap([[3.0]], rows=["a"], columns=["b"], digits=0)
-    assert words(ax.texts) == ["3"]
+    assert words(plots.strata_heatmap([[3.0]], rows=["a"], columns=["b"], digits=0).texts) == ["3"]
 
 
 def test_a_heat_map_needs_a_name_for_each_row_and_column():
