@@ -263,7 +263,7 @@ def test_lessons_quote_another_rate():
         stored_comparison(f"arm_ring_data_{n}").at("independent", 1)
         for n in ("rate_0.003", "12000")
     ]
-    words = "own settings {:.2f} to {:.2f})", "longer, a flow has {2:.2f} or {3:.3f}, one way"
+    words = "own settings {:.2f} to {:.2f})", "12,000 steps, flows have {2:.2f} or {3:.3f}, one way"
     assert all(w.format(*(row["success"] for row in each)) in said("10") for w in words)
 
 
@@ -325,7 +325,9 @@ def test_lesson_14_quotes_the_lengths_of_training():
     pairs = zip(quoted(short, "reflow"), quoted(short, "mean_flow_data"), strict=True)
     words = (f"{' and '.join(both)} at {k}" for both, k in zip(pairs, ("one", "two"), strict=True))
     settled = mean("push_t_human", "independent", "euler-1")
-    words = f"with {', '.join(words)}; from the last plan independent pairs have {settled} ("
+    words = (
+        f"with {', '.join(words)}; from the last plan, at one, independent pairs have {settled} ("
+    )
     assert f"the chunk lead from noise: after 8,000 steps {words}" in told
     eight = {name: stored_comparison(f"push_t_human{name}") for name in ("", "_data")}
     for nfe in (1, 2):
