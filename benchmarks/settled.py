@@ -6,7 +6,7 @@ starts (ties: the task's score), until no change of one has more: executed actio
 two of last_plan.py, the time t where plans start (for a regression, the noise on its chunks) and
 the weight of older plans. A hundred rollouts can be luck, so the three best settings of all that
 were tried, and its own, are compared by 300. What is left, and its own settings ("without"), are
-rolled out from the starts that the tables report.
+rolled out from the starts that the tables report. Variety is the entropy of ways from one start.
 
     python benchmarks/settled.py push-t
 
@@ -25,7 +25,8 @@ from cells import RESULTS, opened
 from last_plan import LastPlan
 from own_settings import CHOICES
 
-from cotlearn.metrics import wilson_interval
+from cotlearn.metrics import mode_entropy, wilson_interval
+from cotlearn.policies.comparison.scores import mode_draws
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import REPORTED, Rollouts, rollout
 from cotlearn.results import read_json
@@ -83,12 +84,15 @@ def main() -> None:
         begin = read_json(cells / f"{cell}.json")["samplers"][key["sampler"]]
         tried: dict[int, dict[Settings, tuple[float, float]]] = {trials: {}, final: {}}
 
-        def run(values: Settings, **starts: Any) -> Rollouts:
+        def with_settings(values: Settings) -> Any:
             at = dict(zip(SETTINGS, values, strict=True))
             policy = replace(
                 loaded, sampler=drawn, execute=int(at["execute"]), temperature=at["temperature"]
             )
-            return rollout(LastPlan(policy, at["t"], at["older"]), progress=False, **starts)
+            return LastPlan(policy, at["t"], at["older"])
+
+        def run(values: Settings, **starts: Any) -> Rollouts:
+            return rollout(with_settings(values), progress=False, **starts)
 
         def value(values: Settings, episodes: int = trials) -> tuple[float, float]:
             known = tried[episodes]
@@ -112,6 +116,8 @@ def main() -> None:
             "success_interval": wilson_interval(int(won.sum()), len(won)),
             "score": float(done[task.score].mean()),
             "without": float(before[task.strictest].mean()),
+            "variety": mode_entropy(mode_draws(with_settings(now))),
+            "variety_without": mode_entropy(mode_draws(with_settings(first))),
             "exploration": {
                 number: {", ".join(f"{v:g}" for v in at): worth for at, (worth, _) in known.items()}
                 for number, known in tried.items()
