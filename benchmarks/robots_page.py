@@ -37,7 +37,7 @@ OTHERS = {
 TRAINED = {name: words for name, (words, _) in TASKS.items()}
 TRAINED["push_t_pixels_12000"] = "Push-T from pixels, 12,000 steps"
 #: What a training can have another of, in that of the task: its files, and the columns.
-LENGTHS = "steps", r"(_\d+)?", (0.5, 1.0, 2.0)
+LENGTHS = "steps", r"(_\d+)?", (0.25, 0.5, 1.0, 2.0)
 RATES = "learning_rate", r"(_rate_[\d.]+)?", (1.0, 3.0)
 
 #: Whole paths: what a network predicts, and its table; the names of other trainings end in these.

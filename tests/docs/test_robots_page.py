@@ -257,14 +257,12 @@ def test_lessons_quote_another_rate():
     each = [two_digits(row["success_95"]) for row in rows]
     assert "flow {} and DDIM {} at one, on clusters {} and {}: level".format(*each) in said("11")
     assert "{} at two, DDIM {} at one; on residual pairs {} and {},".format(*each[4:]) in said("14")
-    world = stored_comparison("own_settings_arm_ring_receding").at
-    each = [world("minibatch_ot", 1), world("minibatch_ot", 16)]
-    each += [
-        stored_comparison(f"arm_ring_data_{n}").at("independent", 1)
-        for n in ("rate_0.003", "12000")
-    ]
-    words = "own settings {:.2f} to {:.2f})", "12,000 steps, flows have {2:.2f} or {3:.3f}, one way"
-    assert all(w.format(*(row["success"] for row in each)) in said("10") for w in words)
+    world = [stored_comparison(f"own_settings_arm_ring_receding{n}").at for n in ("", "_12000")]
+    each = [two_digits(at("minibatch_ot", k)["success"]) for at in world for k in (1, 16)]
+    assert "own settings: {} to {}, after twice the steps {} to {})".format(*each) in said("10")
+    names = "arm_ring_data_rate_0.003", "arm_ring_data_12000"
+    each = [stored_comparison(name).at("independent", 1)["success"] for name in names]
+    assert "12,000 steps, flows have {:.2f} or {:.3f}, one way".format(*each) in said("10")
 
 
 def test_the_page_quotes_other_trainings():
