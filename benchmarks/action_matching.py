@@ -11,7 +11,7 @@ of the learning rate one of 16 trainings lost three points so far away that L2-U
 
     python benchmarks/action_matching.py
 
-writes data/results/action_matching.json. An interrupted run goes on.
+writes data/results/action_matching.csv. An interrupted run goes on.
 """
 
 import functools
@@ -60,8 +60,7 @@ def main() -> None:
     """Fill the table and print it."""
     table = opened(__doc__, SETTING)
     table.fill([{"seed": seed} for seed in range(SETTING["seeds"])], compute)
-    for cell in table.document["cells"]:
-        print(cell)
+    print(table.frame())
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ def opened(
     *,
     parser: argparse.ArgumentParser | None = None,
     name: str = "",
+    axis: str = "",
 ) -> Table:
     """The table of this benchmark, or the file of `--output`; torch gets one thread.
 
@@ -29,14 +30,21 @@ def opened(
         protocol: everything that all cells share.
         parser: with more options, which have been read already.
         name: of the file; that of the benchmark if empty.
+        axis: what numbers within values are, see `Table`.
     """
     question = question.splitlines()[0]
     parser = parser or argparse.ArgumentParser(description=question)
-    default = RESULTS / f"{name or Path(sys.argv[0]).stem}.json"
+    default = RESULTS / f"{name or Path(sys.argv[0]).stem}.csv"
     parser.add_argument("--output", type=Path, default=default)
     torch.set_num_threads(1)
     output = parser.parse_args().output
-    return Table(output, question=question, command=COMMAND, protocol=protocol)
+    return Table(output, question=question, command=COMMAND, protocol=protocol, axis=axis)
+
+
+def beside(table: Table, name: str, question: str) -> Table:
+    """A second table of a benchmark, in the same folder, with the same protocol."""
+    path = table.path.with_name(f"{table.path.stem}_{name}.csv")
+    return Table(path, question=question, command=COMMAND, protocol=table.about["protocol"])
 
 
 def score(sample: ConditionalSampler, data: ConditionalData, seed: int) -> float:

@@ -44,17 +44,18 @@ from cotlearn.couplings import (
     Transformed,
     centred,
 )
-from cotlearn.couplings.base import Match, generator_for
+from cotlearn.couplings.base import Match
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import linear_skew, prior_skew
 from cotlearn.flows.diffusion import predict, regression_loss
 from cotlearn.flows.solvers import integrate
 from cotlearn.metrics import energy_score
-from cotlearn.policies.comparison.scores import held_out_draws
 from cotlearn.policies.methods import METHODS
 from cotlearn.policies.policy import ChunkPolicy
+from cotlearn.policies.scores import held_out_draws
 from cotlearn.policies.settings import SETTINGS
 from cotlearn.policies.training import Run, train
+from cotlearn.randomness import generator_for
 from cotlearn.robots.episodes import Episodes, read, split
 
 STEPS = 3000  #: of those tried, the best for held-out chunks
@@ -312,7 +313,7 @@ def main() -> None:
     episodes = read(asked.data)
     training, held = split(episodes, held_out=setting.held_out)
 
-    def compute(key: dict[str, Any]) -> dict[str, Any]:
+    def compute(key: dict[str, Any]) -> list[dict[str, Any]]:
         base, prepare, others = ROWS[key["pairs"]]
         options = replace(base_options, **others)
         method = METHODS[base]
@@ -336,7 +337,7 @@ def main() -> None:
             for name, rows in (("training", data), ("held_out", unseen)):
                 noise = inverse(kept["teacher"], rows)
                 paired[f"inverse_square_{name}"] = float(noise.square().mean())
-        return {"energy_score": scores, "skew": paired, "seconds": round(trained.seconds, 1)}
+        return [{"sampler": s, "energy_score": e, "skew": paired} for s, e in scores.items()]
 
     protocol = {"steps": base_options.steps, "held_out": setting.held_out, "pairs": PAIRS}
     table = opened(__doc__ or "", protocol, parser=parser)

@@ -4,30 +4,43 @@ A cell is one data set with one coupling. For each cell the frontier is estimate
 then a network is trained on the same pairs and its error measured at 1 and at 32 network
 evaluations (NFE). Spearman's rank correlation says how well the first predicts the second:
 
-- `spearman_one_step`: the predicted one-step error against the trained error at NFE 1;
-- `spearman_many_steps`: the skew statistic against the trained error at NFE 32.
+- `one_step`: the predicted one-step error against the trained error at NFE 1;
+- `many_steps`: the skew statistic against the trained error at NFE 32.
 
-All choices were made on the development cells (petals, fork); the correlations are those of the
-held-out cells.
+All choices were made on the development cells (petals, fork); what counts are the held-out cells.
 
     python benchmarks/frontier.py
 
-writes data/results/frontier.json cell by cell; a run that was stopped goes on where it was. The
-digits have a file of their own: `--data digits --output data/results/frontier_digits.json`.
+writes data/results/frontier.csv and, once it is complete, the correlations to frontier_ranks.csv.
+An interrupted run goes on.
+
+Errors are squared W2 jointly with the condition, whose squared distance weighs 100 times the
+sample's on average; the floor is that of true samples given the same conditions (digits: of
+training images). How they are ranked:
+
+- One step: the predicted error is divided by that of independent pairs on the same data; so is the
+  trained error, after the floor is subtracted from both.
+- Many steps: the skew statistic counts as 0, a tie, where the test does not flag it; the trained
+  error at NFE 32 less its floor is divided by the variance of the data. Cells without skew differ
+  in their errors by noise only, but the errors are ranked as they are, which can only lower the
+  correlation; `many_steps_noise_tied` ranks as equal all errors below 1 % of the variance.
+- `mean` is over data sets of each one's own correlation, and its interval the 95 % bootstrap
+  interval over the cells of each data set: couplings are compared on the same data. `pooled` ranks
+  the cells of all data sets together after the divisions above. The development cells spoke against
+  it as the headline: floors that differ between data sets, and that the predicted error contains,
+  decide its ranks. This was settled when part of the held-out cells had been seen, so both numbers
+  are given. `low_over_data_sets` and `high_over_data_sets` resample whole data sets.
 """
 
-import argparse
-import json
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
-from cells import COMMAND, RESULTS
+from cells import beside, opened
 from scipy.stats import rankdata
 from torch import Tensor
 
@@ -45,12 +58,14 @@ from cotlearn.flows import VelocityMLP, fit, integrate
 from cotlearn.gaussian import LinearGaussian
 from cotlearn.metrics import joint_squared_w2
 from cotlearn.mixtures import fork, moons, moving_modes, petals, rotating_pair
-from cotlearn.results import machine, read_json, write_json
 
-DEVELOPMENT = ("petals", "fork")
-HELD_OUT = ("moving_modes", "rotating_pair", "moons_x", "moons_class", "linear_gaussian")
-EXTRA = ("digits",)  # 64 dimensions; not among the defaults, and not held out
-NFE = (1, 32)
+PARTS = {
+    "development": ("petals", "fork"),
+    "held_out": ("moving_modes", "rotating_pair", "moons_x", "linear_gaussian", "moons_class"),
+    "extra": ("digits",),  # 64 dimensions; not held out
+}
+RANKINGS = ("one_step", "many_steps", "many_steps_noise_tied")
+SEEDS, NFE = (0, 1), (1, 32)
 NOISE = 0.01  # of the variance of the data: about what another seed changes
 SETTING = {
     "rows_of_data": 8192,
@@ -60,25 +75,6 @@ SETTING = {
     "evaluation_rows": 1000,
     "evaluation_repeats": 4,
 }
-RULES = [
-    "Errors are squared W2 jointly with the condition, whose squared distance weighs 100 times the "
-    "sample's on average; the floor is that of true samples given the same conditions (digits: of "
-    "training images).",
-    "One step: the predicted error is divided by that of independent pairs on the same data; so is "
-    "the trained error, after the floor is subtracted from both.",
-    "Many steps: the skew statistic counts as 0, a tie, where the test does not flag it; the "
-    "trained error at NFE 32 less its floor is divided by the variance of the data. Cells without "
-    "skew differ in their errors by noise only, but the errors are ranked as they are, which can "
-    "only lower the correlation; `spearman_many_steps_noise_tied` ranks as equal all errors below "
-    "1 % of the variance.",
-    "`value` is the mean over data sets of each one's own correlation, and `interval` its 95 % "
-    "bootstrap interval over the cells of each data set: couplings are compared on the same data. "
-    "`pooled` ranks the cells of all data sets together after the divisions above. The development "
-    "cells spoke against it as the headline: floors that differ between data sets, and that the "
-    "predicted error contains, decide its ranks. This was settled when part of the held-out cells "
-    "had been seen, so both numbers are given.",
-    "`interval_over_data_sets` is the bootstrap over whole data sets.",
-]
 
 
 @dataclass(frozen=True)
@@ -145,20 +141,34 @@ def couplings(data: Problem) -> dict[str, Callable[[], Coupling]]:
     return made
 
 
-def predict(data: Problem, make: Callable[[], Coupling], **options: int) -> dict[str, Any]:
+def predict(data: Problem, coupling: Coupling) -> dict[str, Any]:
     """The coupling's point on the frontier; no network is trained."""
-    found = frontier(data.train.x1, data.train.c, {"it": make()}, progress=False, **options)
-    point = vars(found["it"])
-    return {k: v for k, v in point.items() if k != "name"}
+    point = frontier(data.train.x1, data.train.c, {"it": coupling}, progress=False)["it"]
+    low, high = point.skew_interval
+    least, most = point.one_step_variance_interval
+    return {
+        "kind": point.coupling,
+        "skew": point.skew,
+        "skew_low": low,
+        "skew_high": high,
+        "flagged": point.flagged,
+        "one_step_variance": point.one_step_variance,
+        "one_step_variance_low": least,
+        "one_step_variance_high": most,
+        "one_step_error": point.one_step_error,
+        "candidates": point.candidates,
+        "transport_cost": point.transport_cost,
+        "pairing_seconds": point.seconds,
+    }
 
 
-def measure(data: Problem, make: Callable[[], Coupling], seed: int) -> list[float]:
+def measure(data: Problem, coupling: Coupling, seed: int) -> dict[int, float]:
     """Train one network; its error at each NFE."""
     start = VelocityMLP(data.train.dim, data.train.condition_dim, width=SETTING["width"], seed=seed)
     trained = fit(
         start,
         data.train,
-        make(),
+        coupling,
         steps=SETTING["steps"],
         batch_size=SETTING["batch_size"],
         seed=seed,
@@ -170,7 +180,7 @@ def measure(data: Problem, make: Callable[[], Coupling], seed: int) -> list[floa
             trained.network, torch.randn(len(c), start.dim, generator=g), c, nfe=nfe
         ).x1
 
-    return [error(data, lambda c, g, nfe=nfe: sample(c, g, nfe)) for nfe in NFE]  # type: ignore[misc]
+    return {nfe: error(data, partial(sample, nfe=nfe)) for nfe in NFE}
 
 
 def error(
@@ -188,55 +198,75 @@ def error(
     return float(np.mean(values))
 
 
-def correlations(cells: Sequence[dict[str, Any]], floors: dict[str, Any]) -> dict[str, Any]:
-    """Both rank correlations over the cells, pooled and within data sets, with intervals."""
-    sets = list(dict.fromkeys(cell["data"] for cell in cells))
-    rows: dict[str, list[tuple[str, float, float]]] = {
-        "one_step": [],
-        "many_steps": [],
-        "many_steps_noise_tied": [],
-    }
-    for name in sets:
-        mine = {cell["coupling"]: cell for cell in cells if cell["data"] == name}
-        floor, alone = floors[name], mine["independent"]
-        for cell in mine.values():
-            one, many = np.mean(cell["errors"], axis=0) - floor["error"]
-            reference = np.mean(alone["errors"], axis=0)[0] - floor["error"]
-            share = cell["frontier"]["one_step_error"] / alone["frontier"]["one_step_error"]
-            rows["one_step"].append((name, share, one / reference))
-            skew = cell["frontier"]["skew"] if cell["frontier"]["flagged"] else 0.0
-            excess = many / floor["variance"]
-            rows["many_steps"].append((name, skew, excess))
-            rows["many_steps_noise_tied"].append((name, skew, excess if excess > NOISE else 0.0))
-    return {f"spearman_{what}": _spearman(values) for what, values in rows.items()}
+def compute(key: dict[str, str]) -> dict[str, Any]:
+    """The floor and the variance of a data set, or the frontier and the errors of a coupling."""
+    data, part = problem(key["data"]), next(p for p in PARTS if key["data"] in PARTS[p])
+    if key["coupling"] == "floor":
+        variance = float(data.train.x1.var(dim=0).sum())
+        found = {"error": error(data, data.given, draws=4), "variance_of_data": variance}
+    else:
+        make = couplings(data)[key["coupling"]]
+        found = predict(data, make())
+        found["error"] = {seed: measure(data, make(), seed) for seed in SEEDS}
+    return {"part": part, **_rounded(found)}
 
 
-def _spearman(rows: Sequence[tuple[str, float, float]]) -> dict[str, Any]:
-    names = np.array([row[0] for row in rows])
-    pairs = np.array([row[1:] for row in rows])
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _rounded(v) for k, v in value.items()}
+    return float(f"{value:.5g}") if isinstance(value, float) else value
+
+
+def ranked(rows: Any, ranking: str) -> dict[str, Any]:
+    """What is ranked: of each data set the predictions and what training gave, (cells, 2)."""
+    found = {}
+    for name, mine in rows.groupby("data", sort=False):
+        floor = mine[mine["coupling"] == "floor"].iloc[0]
+        mine = mine[mine["coupling"] != "floor"]
+        cells = mine.groupby("coupling", sort=False).first()
+        trained = mine.groupby(["coupling", "nfe"], sort=False)["error"].mean().unstack()
+        above = trained - floor["error"]
+        if ranking == "one_step":
+            predicted, gave = cells["one_step_error"], above[1]
+            predicted, gave = (x / x["independent"] for x in (predicted, gave))
+        else:
+            predicted = cells["skew"].where(cells["flagged"].astype(bool), 0.0)
+            gave = above[32] / floor["variance_of_data"]
+            gave = gave.where(gave > NOISE, 0.0) if ranking.endswith("tied") else gave
+        found[str(name)] = np.column_stack([predicted, gave])
+    return found
+
+
+def correlations(key: dict[str, str], rows: Any) -> list[dict[str, Any]]:
+    """Rank correlations within data sets, their mean, and pooled, with intervals."""
+    parts = ranked(rows[rows["part"] == key["part"]], key["ranking"])
+    pooled = np.concatenate(list(parts.values()))
     rng = np.random.default_rng(0)
-    parts = {str(name): pairs[names == name] for name in dict.fromkeys(names)}
+
+    def resampled(part: Any) -> float:
+        return _rank_correlation(part[rng.integers(len(part), size=len(part))])
+
     each = {name: _rank_correlation(part) for name, part in parts.items()}
+    cells = [_mean([resampled(part) for part in parts.values()]) for _ in range(4000)]
+    sets = [_mean(rng.choice(list(each.values()), size=len(each))) for _ in range(4000)]
+    low, high = _interval(sets)
+    over_sets = {"low_over_data_sets": low, "high_over_data_sets": high}
+    found = [{"data": name, "correlation": round(value, 3)} for name, value in each.items()]
+    found.append(_row("mean", _mean(list(each.values())), cells) | over_sets)
+    every = [resampled(pooled) for _ in range(4000)]
+    found.append(_row("pooled", _rank_correlation(pooled), every))
+    counts = {"cells": len(pooled), "tied": int((pooled[:, 0] == 0).sum())}
+    return [row | counts for row in found]
 
-    def resampled(part: Any) -> Any:
-        return part[rng.integers(len(part), size=len(part))]
 
-    def mean(values: Sequence[float]) -> float:
-        defined = [value for value in values if not math.isnan(value)]
-        return float(np.mean(defined)) if defined else math.nan
+def _row(data: str, value: float, resampled: Sequence[float]) -> dict[str, Any]:
+    low, high = _interval(resampled)
+    return {"data": data, "correlation": round(value, 3), "low": low, "high": high}
 
-    cells = [mean([_rank_correlation(resampled(p)) for p in parts.values()]) for _ in range(4000)]
-    sets = [mean(list(rng.choice(list(each.values()), size=len(each)))) for _ in range(4000)]
-    return {
-        "value": round(mean(list(each.values())), 3),
-        "interval": _interval(cells),
-        "interval_over_data_sets": _interval(sets),
-        "each": {k: None if math.isnan(v) else round(v, 3) for k, v in each.items()},
-        "pooled": round(_rank_correlation(pairs), 3),
-        "pooled_interval": _interval([_rank_correlation(resampled(pairs)) for _ in range(4000)]),
-        "cells": len(rows),
-        "tied": int((pairs[:, 0] == 0).sum()),
-    }
+
+def _mean(values: Any) -> float:
+    defined = [value for value in values if not math.isnan(value)]
+    return float(np.mean(defined)) if defined else math.nan
 
 
 def _rank_correlation(pairs: Any) -> float:
@@ -251,73 +281,21 @@ def _interval(values: Sequence[float]) -> list[float]:
     return [round(float(v), 3) for v in np.nanquantile(values, [0.025, 0.975])]
 
 
-def _rounded(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _rounded(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_rounded(v) for v in value]
-    return float(f"{value:.5g}") if isinstance(value, float) else value
-
-
 def main() -> None:
-    """Go through all cells that are not there yet, then correlate."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--data", nargs="+", default=[*DEVELOPMENT, *HELD_OUT], metavar="NAME")
-    parser.add_argument("--output", type=Path, default=RESULTS / "frontier.json")
-    options = parser.parse_args()
-    torch.set_num_threads(1)
-    setting = {**SETTING, "seeds": list(range(options.seeds)), "nfe": list(NFE)}
-    document: dict[str, Any] = {"cells": [], "floors": {}, "cpu_seconds": 0}
-    if options.output.exists():
-        stored = read_json(options.output)
-        document = stored if stored["setting"] == setting else document
-    before = document["cpu_seconds"]
-    started = time.process_time()
-    for name in options.data:
-        data = problem(name)
-        variance = float(data.train.x1.var(dim=0).sum())
-        document["floors"][name] = {
-            "error": error(data, data.given, draws=4),
-            "variance": variance,
-        }
-        for label, make in couplings(data).items():
-            if any((c["data"], c["coupling"]) == (name, label) for c in document["cells"]):
-                continue
-            cell = {
-                "data": name,
-                "coupling": label,
-                "development": name in DEVELOPMENT,
-                "frontier": predict(data, make),
-                "errors": [measure(data, make, seed) for seed in range(options.seeds)],
-            }
-            document["cells"].append(cell)
-            document["setting"] = setting
-            document["cpu_seconds"] = round(before + time.process_time() - started)
-            write_json(options.output, _rounded(document))
-            print(f"{name}, {label}: {np.mean(cell['errors'], axis=0).round(3)}", flush=True)
-    document.update(_about(document, setting, before + time.process_time() - started))
-    write_json(options.output, _rounded(document))
-    print(json.dumps(document.get("held_out", {}), indent=1))
-
-
-def _about(document: dict[str, Any], setting: dict[str, Any], seconds: float) -> dict[str, Any]:
-    """All of the document but the cells; correlations of the data sets that are complete."""
-    about: dict[str, Any] = {
-        "question": __doc__.splitlines()[0],
-        "command": COMMAND,
-        "rules": RULES,
-        "setting": setting,
-    }
-    for part, names in (("development", DEVELOPMENT), ("held_out", HELD_OUT), ("extra", EXTRA)):
-        cells = [cell for cell in document["cells"] if cell["data"] in names]
-        if cells:
-            about[part] = correlations(cells, document["floors"])
-    return {
-        **about,
-        **machine("POT"),
-        "cpu_seconds": round(seconds),
-    }
+    """Fill the table, then correlate."""
+    table = opened(__doc__, {**SETTING, "seeds": SEEDS, "nfe": NFE}, axis="seed nfe")
+    keys = [
+        {"data": name, "coupling": coupling}
+        for names in PARTS.values()
+        for name in names
+        for coupling in ("floor", *couplings(problem(name)))
+    ]
+    table.fill(keys, compute)
+    question = "How well do the frontier's ranks of couplings agree with those of training?"
+    ranks = beside(table, "ranks", question)
+    keys = [{"part": part, "ranking": ranking} for part in PARTS for ranking in RANKINGS]
+    ranks.fill(keys, partial(correlations, rows=table.frame()))
+    print(ranks.frame().to_string())
 
 
 if __name__ == "__main__":

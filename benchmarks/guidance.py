@@ -82,16 +82,19 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
         loss=LabelDropout(SETTING["hidden_labels"]),
         seed=seed,
     ).network
-    rows = [
-        [score(sampler(Guided(network, scale), nfe=steps, dim=2), data, seed) for steps in STEPS]
+    rows = {
+        scale: {n: score(sampler(Guided(network, scale), nfe=n, dim=2), data, seed) for n in STEPS}
         for scale in SCALES
-    ]
-    return {name: [[cell[k] for cell in row] for row in rows] for k, name in enumerate(names)}
+    }
+    return {
+        name: {scale: {n: row[n][k] for n in STEPS} for scale, row in rows.items()}
+        for k, name in enumerate(names)
+    }
 
 
 def main() -> None:
-    """Fill the table and print the best scale of each coupling."""
-    table = opened(__doc__, SETTING)
+    """Fill the table and print the errors."""
+    table = opened(__doc__, SETTING, axis="scale steps")
     table.fill(
         [
             {"labels": labels, "coupling": coupling, "seed": seed}
@@ -101,19 +104,9 @@ def main() -> None:
         ],
         compute,
     )
-    for labels in LABELS:
-        for coupling in COUPLINGS:
-            cells = [
-                torch.tensor(cell["squared_w2"])
-                for cell in table.document["cells"]
-                if (cell["key"]["labels"], cell["key"]["coupling"]) == (labels, coupling)
-            ]
-            best = torch.stack(cells).mean(dim=0).min(dim=0)
-            words = "  ".join(
-                f"{n}: {value:.3f} at {SCALES[k]}"
-                for n, value, k in zip(STEPS, best.values, best.indices, strict=True)
-            )
-            print(f"{labels} labels {coupling:16s}{words}")
+    columns = ["labels", "coupling", "steps"]
+    means = table.frame().groupby([*columns, "scale"])["squared_w2"].mean()
+    print(means.unstack("scale").to_string())
 
 
 if __name__ == "__main__":

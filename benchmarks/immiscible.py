@@ -14,7 +14,7 @@ where left and right are equally good.
 
     python benchmarks/immiscible.py --data push_t_human.zarr
 
-writes data/results/immiscible.json. An interrupted run goes on.
+writes data/results/immiscible.csv. An interrupted run goes on.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from cotlearn.couplings import MinibatchOT
-from cotlearn.couplings.base import Match, generator_for
+from cotlearn.couplings.base import Match, Traits
 from cotlearn.diagnostics import linear_skew, prior_skew
 from cotlearn.metrics import bootstrap_interval
 from cotlearn.policies.methods import METHODS
@@ -38,9 +38,10 @@ from cotlearn.policies.rollout import EXPLORATION, rollout
 from cotlearn.policies.samplers import DDIMSampler, DDPMSampler, FlowSampler, Sampler
 from cotlearn.policies.settings import SETTINGS
 from cotlearn.policies.training import train
+from cotlearn.randomness import generator_for
 from cotlearn.robots.episodes import Episodes, read, split
+from cotlearn.robots.push_t.constants import GOAL, SIZE
 from cotlearn.robots.push_t.simulation import PushTVectorSim
-from cotlearn.robots.push_t.task import GOAL, SIZE
 
 STEPS, WARM_UP, BATCH = 4000, 400, 256
 SIZES = (1, 64, 256, 2048)  #: of an assignment; 1: independent noise
@@ -69,7 +70,7 @@ class Blind(MinibatchOT):
 
     size: int = 64
     warm_up: int = WARM_UP
-    uses_network = True
+    traits = Traits(uses_ot_batch=True, needs_network=True)
     _step = 0
 
     def observe(self, network: nn.Module, step: int) -> None:
@@ -94,7 +95,7 @@ def mirrored(episodes: Episodes) -> Episodes:
     state[:, 4] = 2 * GOAL[2] - state[:, 4]
     both = np.concatenate([episodes.state, state]), np.concatenate([episodes.action, action])
     ends = np.concatenate([episodes.ends, episodes.ends[-1] + episodes.ends])
-    return Episodes(*both, ends, name=f"{episodes.name}, with mirror images")
+    return Episodes(*both, ends, episodes.task, name=f"{episodes.name}, with mirror images")
 
 
 def forks() -> NDArray[np.float64]:
@@ -146,7 +147,7 @@ def main() -> None:
     training = mirrored(training)
     fifty_epochs = 50 * len(setting.options.windows(training).dataset(training)) // BATCH
 
-    def compute(key: dict[str, Any]) -> dict[str, Any]:
+    def compute(key: dict[str, Any]) -> list[dict[str, Any]]:
         name, longer, own = {**RECIPES, PUBLISHED: LONGER, PATIENT: LONGER}[key["recipe"]]
         size, steps = max(BATCH, key["size"]), longer * asked.steps
         options = replace(setting.options, steps=steps, ot_batch_size=size, **own)
@@ -154,14 +155,15 @@ def main() -> None:
         blind = Blind(size=key["size"], warm_up=warm_up)
         method = replace(METHODS[name], coupling=lambda *_: blind)
         trained = train(method, training, seed=key["seed"], options=options)
-        found: dict[str, Any] = {}
+        found = []
         for sampler in samplers(trained.policy):
             policy = trained.policy.with_sampler(sampler)
             done = rollout(policy, seeds=range(FIRST, FIRST + ROLLOUTS))
             means = done.summary()
             kept = {n: round(means[n], 4) for n in ("coverage", "success_95", "reward")}
-            interval = bootstrap_interval(done["coverage"])
-            found[sampler.name] = {**kept, "interval": interval, "ways": ways(policy)}
+            low, high = bootstrap_interval(done["coverage"])
+            kept |= {"coverage_low": low, "coverage_high": high}
+            found.append({"sampler": sampler.name, **kept, "ways": ways(policy)})
         data = trained.policy.windows.dataset(training, label=options.label)
         coupling = trained.coupling
         coupling.observe(trained.policy.network, warm_up)
@@ -175,7 +177,8 @@ def main() -> None:
         x0, c = (torch.cat([getattr(p, name) for p in pairs]) for name in ("x0", "c"))
         near = prior_skew(x0, c, generator=generator_for(0, 0, purpose=33))
         skew = {"explained": linear_skew(x0, c, cells=64).explained, "neighbours": near.statistic}
-        return {"samplers": found, "skew": skew, "training_seconds": round(trained.seconds, 1)}
+        shared = {"skew": skew, "training_seconds": round(trained.seconds, 1)}
+        return [row | shared for row in found]
 
     protocol = {"steps": asked.steps, "warm_up": WARM_UP, "rollouts": ROLLOUTS, "forks": FORKS}
     table = opened(__doc__ or "", {**protocol, "draws": DRAWS, "pairs": PAIRS}, parser=parser)

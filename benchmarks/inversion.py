@@ -7,7 +7,7 @@ is steep, because in some directions chunks hardly vary: few steps stay too near
 
     python benchmarks/inversion.py --data push_t_human.zarr
 
-writes data/results/inversion.json.
+writes data/results/inversion.csv.
 """
 
 import argparse

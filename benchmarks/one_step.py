@@ -8,21 +8,19 @@ real data with the noise that the teacher's inverse gives; a source for each clu
 (COT-FM), which changes the prior; and no training at all: a data row of a near condition. Every
 training costs as much as STEPS of flow matching, counted in forward-equivalents (a backward pass is
 two); who needs a teacher spends half of that on it. The score is squared W2 for each condition,
-averaged.
+averaged. Drifting compares rows of equal conditions; where the condition is a number, its batches
+are of strata as large as those of conditional pairs. Which noise it has for which data is the same.
+
+For scikit-learn's digits given the label it is the energy distance of each class from its held-out
+images, averaged. Some ways on two data sets are trained at a quarter, half and twice the cost, too:
+the column `steps`.
 
     python benchmarks/one_step.py
-    python benchmarks/one_step.py --digits
-    python benchmarks/one_step.py --budgets
 
-writes data/results/one_step.json; with --digits one_step_digits.json, for scikit-learn's digits
-given the label, whose score is the energy distance of each class from its held-out images,
-averaged; with --budgets one_step_budgets.json, for some ways on two data sets at a quarter, half
-and twice the cost. An interrupted run goes on.
+writes data/results/one_step.csv. An interrupted run goes on.
 """
 
-import argparse
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
@@ -31,25 +29,30 @@ from typing import Any
 import torch
 from cells import opened, score
 from digits_labels import score as digits_score
+from one_step_losses import AlphaFlow, LearnedSource, learned_source_loss
 from scipy.optimize import linear_sum_assignment
 from sklearn.cluster import KMeans
 from torch import Tensor, nn
 
-from cotlearn.couplings import ConditionalOT, Coupling, FixedPairs, Independent, StratifiedOT
+from cotlearn.couplings import (
+    ConditionalOT,
+    Coupling,
+    FixedPairs,
+    Independent,
+    StratifiedBatches,
+    StratifiedOT,
+)
 from cotlearn.datasets import Dataset, digits
 from cotlearn.flows import FlowMatching, VelocityMLP, fit, integrate
 from cotlearn.flows.diffusion import predict, regression_loss
 from cotlearn.flows.matching import Loss
 from cotlearn.flows.one_step import (
-    AlphaFlow,
     Drifting,
-    LearnedSource,
     MeanFlow,
     MeanVelocity,
     Shortcut,
     TwoPasses,
     jump,
-    learned_source_loss,
 )
 from cotlearn.mixtures import (
     Components,
@@ -59,7 +62,7 @@ from cotlearn.mixtures import (
     rotating_pair,
 )
 
-STEPS, ROWS, TEACHER_NFE, DRAWS = 4000, 8192, 16, 4
+STEPS, ROWS, TEACHER_NFE, STRATA = 4000, 8192, 16, 128
 SIZES: dict[str, Any] = {"width": 128, "depth": 3}
 BATCH = {"batch_size": 256, "ot_batch_size": 256}
 SEEDS, EVALUATIONS = range(5), (1, 2, 4)
@@ -72,7 +75,7 @@ BUDGET_WAYS = (
     "reflow",
 )
 FLOORS = 20  #: draws of a floor, since one of them varies by a third
-NEIGHBOURS, CLUSTERS, ROUNDS = 128, 8, 2  # as many neighbours as rows in a stratum
+NEIGHBOURS, CLUSTERS, ROUNDS = 128, 8, 2
 SOURCE = 0.6  #: deviation of COT-FM's noise; its data are divided by it, ours is standard normal
 
 
@@ -134,6 +137,7 @@ class Way:
     evaluations: tuple[int, ...] = EVALUATIONS
     columns: int = 0  #: of the condition, added
     pairs: tuple[str, ...] = ("independent", "conditional")
+    in_strata: bool = False  #: whether batches are of few strata where the condition is a number
 
 
 WAYS = {
@@ -181,7 +185,13 @@ WAYS = {
     "shortcut model": Way(
         Shortcut(share=0.25), 1 + 0.25 * 2 / 3, MeanVelocity, by_jumps, columns=1
     ),
-    "drifting": Way(Drifting(DRAWS), cost=DRAWS, draw=at_once, evaluations=(1,)),
+    "drifting": Way(
+        Drifting(),
+        draw=lambda network, x0, c, nfe: Drifting().sample(network, x0, c),
+        evaluations=(1,),
+        pairs=("independent",),
+        in_strata=True,
+    ),
     "learned source": Way(learned_source_loss, 1.1, lambda plain: LearnedSource(plain, seed=0)),
     "reflow": Way(FlowMatching(), pairs=("teacher",)),
     "reflow on real data": Way(FlowMatching(), pairs=("teacher, inverted",)),
@@ -190,10 +200,12 @@ WAYS = {
 }
 
 
-def coupling_of(name: str, data: str) -> Coupling:
+def coupling_of(name: str, data: str, *, in_strata: bool = False) -> Coupling:
     """Independent pairs, or conditional ones: exact for labels, in strata for a number."""
     if name == "conditional":
-        return ConditionalOT(math.inf) if data in LABELS else StratifiedOT(128)
+        return ConditionalOT(math.inf) if data in LABELS else StratifiedOT(STRATA)
+    if in_strata and data not in LABELS:
+        return StratifiedBatches(ROWS // STRATA)
     return Independent()
 
 
@@ -303,19 +315,18 @@ def reflowed(rows: Dataset, pairs: str, seed: int, budget: int) -> Any:
 
 def compute(key: dict[str, Any]) -> dict[str, Any]:
     """One cell: the floor, or a training and its scores."""
-    data, seed, budget = key["data"], key["seed"], key.get("steps", STEPS)
+    data, seed, budget = key["data"], key["seed"], key["steps"]
     rows = rows_of(data, seed)
     if key["way"] == "floor":
         real = rows if data == "digits" else DATA[data]
         draws = [score_of(data, real.sample_given, 100 * seed + k) for k in range(FLOORS)]
         return {"floor": round(sum(draws) / FLOORS, 4)}
     way = WAYS[key["way"]]
-    started = time.process_time()
     if key["pairs"] in ("independent", "conditional"):
         plain = VelocityMLP(rows.dim, rows.condition_dim + way.columns, seed=seed, **SIZES)
         steps = int(budget / way.cost)
         options: dict[str, Any] = {**BATCH, "loss": way.loss, "seed": seed, "progress": False}
-        coupling = coupling_of(key["pairs"], data)
+        coupling = coupling_of(key["pairs"], data, in_strata=way.in_strata)
         network: Any = fit(way.network(plain), rows, coupling, steps=steps, **options).network
     elif key["way"] == "look-up":
         network = lambda t, x0, c: rows.x1[near(rows, c, x0)]  # noqa: E731
@@ -323,7 +334,6 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
         network = clustered(rows, seed)
     else:
         network = reflowed(rows, key["pairs"], seed, budget)
-    seconds = time.process_time() - started
 
     def drawn(nfe: int) -> Any:
         def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
@@ -331,37 +341,24 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
 
         return sample
 
-    scores = {str(nfe): score_of(data, drawn(nfe), seed) for nfe in way.evaluations}
     metric = "energy_distance" if data == "digits" else "squared_w2"
-    return {metric: scores, "cpu_seconds": round(seconds, 1)}
+    return {metric: {nfe: score_of(data, drawn(nfe), seed) for nfe in way.evaluations}}
 
 
 def main() -> None:
     """Fills the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--digits", action="store_true", help="in the place of the 2D data")
-    parser.add_argument("--budgets", action="store_true", help="other costs of training")
-    asked = parser.parse_known_args()[0]
-    protocol = {"steps": STEPS, "rows": ROWS, "teacher_nfe": TEACHER_NFE, "draws": DRAWS}
+    protocol = {"steps": STEPS, "rows": ROWS, "teacher_nfe": TEACHER_NFE, "strata": STRATA}
     protocol |= {"clusters": CLUSTERS, "rounds": ROUNDS, "neighbours": NEIGHBOURS}
-    table = opened(
-        __doc__ or "",
-        {**protocol, **BATCH, **SIZES},
-        parser=parser,
-        name="one_step_digits" if asked.digits else "one_step_budgets" if asked.budgets else "",
-    )
-    names = ("digits",) if asked.digits else tuple(DATA)
-    keys: list[dict[str, Any]] = [
-        {"data": data, "way": way, "pairs": pairs, "seed": seed}
-        for seed, data, way in product(SEEDS, names, ("floor", *WAYS))
+    table = opened(__doc__ or "", {**protocol, **BATCH, **SIZES}, axis="nfe")
+    cells = [
+        *product((*DATA, "digits"), ("floor", *WAYS), (STEPS,), SEEDS),
+        *product(BUDGET_DATA, BUDGET_WAYS, BUDGETS, BUDGET_SEEDS),
+    ]
+    keys = [
+        {"data": data, "way": way, "pairs": pairs, "steps": steps, "seed": seed}
+        for data, way, steps, seed in cells
         for pairs in (WAYS[way].pairs if way in WAYS else ("",))
     ]
-    if asked.budgets:
-        keys = [
-            {"data": data, "way": way, "pairs": pairs, "seed": seed, "steps": steps}
-            for seed, data, steps, way in product(BUDGET_SEEDS, BUDGET_DATA, BUDGETS, BUDGET_WAYS)
-            for pairs in WAYS[way].pairs
-        ]
     table.fill(keys, compute)
 
 

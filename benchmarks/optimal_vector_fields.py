@@ -20,12 +20,11 @@ so velocities make four times as many. All potentials start at the Gaussian map 
 
     python benchmarks/optimal_vector_fields.py
 
-writes data/results/l2_uvp.json. With `--longer` and `--longest` it writes l2_uvp_longer.json and
-l2_uvp_longest.json: some methods with five times as many steps, and one with ten times as many,
-where the short budget does not show what they can reach. An interrupted run goes on.
+writes data/results/l2_uvp.csv. Its column `budget` is 1, or 5 and 10 for some methods with so many
+times as many steps, where the short budget does not show what they can reach. An interrupted run
+goes on.
 """
 
-import argparse
 from typing import Any
 
 import numpy as np
@@ -104,10 +103,10 @@ CONDITIONAL = [
     "rectified",
 ]
 LOG_SUM_EXP = ["log_sum_exp_2", "log_sum_exp_8", "log_sum_exp_32"]
-#: Name -> how many times as many steps, the problems, the methods.
-MORE_STEPS: dict[str, tuple[int, list[str], list[str]]] = {
-    "longer": (5, ["eight_gaussians", *LOG_SUM_EXP], ["ofm_independent", "ot_cfm"]),
-    "longest": (10, ["eight_gaussians"], ["ofm_independent"]),
+#: How many times as many steps -> the problems, the methods.
+BUDGETS: dict[int, tuple[list[str], list[str]]] = {
+    5: (["eight_gaussians", *LOG_SUM_EXP], ["ofm_independent", "ot_cfm"]),
+    10: (["eight_gaussians"], ["ofm_independent"]),
 }
 
 
@@ -197,12 +196,12 @@ def of_potential(key: dict[str, Any]) -> dict[str, Any]:
             data,
             coupling(method),
             key,
-            steps=STEPS[key["problem"]],
+            steps=key["budget"] * STEPS[key["problem"]],
             loss=losses[method.split("_")[0]],
             learning_rate=SETTING[rate],
         )
     uvp = l2_uvp(transport(trained, x0, c), truth, variance=variance)
-    return {"l2_uvp": [round(uvp, 4)], "parameters": sum(p.numel() for p in start.parameters())}
+    return {"l2_uvp": {1: round(uvp, 4)}, "parameters": sum(p.numel() for p in start.parameters())}
 
 
 def of_velocity(key: dict[str, Any]) -> dict[str, Any]:
@@ -211,7 +210,7 @@ def of_velocity(key: dict[str, Any]) -> dict[str, Any]:
     k = 0 if c is None else 1
     width = SETTING["width_of_velocities" + ("_with_condition" if k else "")]
     network = VelocityMLP(x0.shape[1], k, width=width, depth=SETTING["depth"], seed=key["seed"])
-    steps = STEPS[key["problem"]] * SETTING["velocity_steps_per_potential_step"]
+    steps = key["budget"] * STEPS[key["problem"]] * SETTING["velocity_steps_per_potential_step"]
     options = {"steps": steps, "learning_rate": SETTING["learning_rate_velocities"]}
     if key["method"] == "rectified":
         options["steps"] = steps // 2
@@ -223,11 +222,9 @@ def of_velocity(key: dict[str, Any]) -> dict[str, Any]:
         network = train(first, data, Reflow(made), key, **options)
     else:
         network = train(network, data, coupling(key["method"]), key, **options)
-    values = [
-        l2_uvp(integrate(network, x0, c, nfe=nfe).x1, truth, variance=variance) for nfe in NFE
-    ]
+    made = {nfe: integrate(network, x0, c, nfe=nfe).x1 for nfe in NFE}
     return {
-        "l2_uvp": [round(value, 4) for value in values],
+        "l2_uvp": {n: round(l2_uvp(x, truth, variance=variance), 4) for n, x in made.items()},
         "parameters": sum(p.numel() for p in network.parameters()),
     }
 
@@ -240,44 +237,23 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Fill the table and print it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    budget = parser.add_mutually_exclusive_group()
-    for name, (times, *_) in MORE_STEPS.items():
-        word = f"{times} times as many steps"
-        budget.add_argument(f"--{name}", action="store_const", const=name, dest="more", help=word)
-    options, _ = parser.parse_known_args()
-    methods = {
-        name: CONDITIONAL if name.startswith("conditional") else UNCONDITIONAL for name in STEPS
-    }
-    if options.more:
-        times, problems, few = MORE_STEPS[options.more]
-        methods = dict.fromkeys(problems, few)
-        STEPS.update({name: times * steps for name, steps in STEPS.items()})
-    table = opened(
-        __doc__,
-        {**SETTING, "steps": STEPS, "nfe": NFE},
-        parser=parser,
-        name=f"l2_uvp_{options.more}" if options.more else "l2_uvp",
-    )
+    cases = [
+        (1, name, method)
+        for name in STEPS
+        for method in (CONDITIONAL if name.startswith("conditional") else UNCONDITIONAL)
+    ]
+    for budget, (problems, methods) in BUDGETS.items():
+        cases += [(budget, name, method) for name in problems for method in methods]
+    protocol = {**SETTING, "steps": STEPS, "nfe": NFE}
+    table = opened(__doc__, protocol, name="l2_uvp", axis="nfe")
     keys = [
-        {"problem": name, "method": method, "seed": seed}
+        {"problem": name, "method": method, "budget": budget, "seed": seed}
         for seed in range(SETTING["seeds"])
-        for name in methods
-        for method in methods[name]
+        for budget, name, method in cases
     ]
     table.fill(keys, compute)
-    for name in methods:
-        for method in methods[name]:
-            cells = [
-                cell
-                for cell in table.document["cells"]
-                if (cell["key"]["problem"], cell["key"]["method"]) == (name, method)
-            ]
-            values = "   ".join(
-                " / ".join(f"{value:8.3f}" for value in cell["l2_uvp"]) for cell in cells
-            )
-            seconds = sum(cell["cpu_seconds"] for cell in cells) / len(cells)
-            print(f"{name:16s}{method:18s}{values}   {seconds:.0f} CPU s")
+    rows = table.frame().groupby(["problem", "budget", "method", "nfe"])
+    print(rows[["l2_uvp", "cpu_seconds"]].mean().to_string())
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ and at 16 Euler steps. Independent pairs are the case B = 1 of both couplings.
 
     python benchmarks/ot_batch.py
 
-writes data/results/ot_batch.json cell by cell; a run that was stopped goes on where it was.
+writes data/results/ot_batch.csv cell by cell; a run that was stopped goes on where it was.
 """
 
 import math
@@ -60,14 +60,14 @@ def compute(key: dict[str, Any]) -> dict[str, Any]:
         return conditional_squared_w2(draw, data, n=int(SETTING["samples_per_label"]), generator=g)
 
     if key["coupling"] == "truth":
-        return {"squared_w2": [score(data.sample_given)] * len(NFE)}
+        return {"squared_w2": dict.fromkeys(NFE, score(data.sample_given))}
     pairs: Any = Independent()
     if key["coupling"] != "independent":
         pairs = batches(COUPLINGS[key["coupling"]], key["rows"], seed)
     options: Any = {"steps": SETTING["steps"], "batch_size": BATCH, "seed": seed}
     network = VelocityMLP(2, 4, width=SETTING["width"], seed=seed)
     network = fit(network, data, pairs, **options, progress=False).network
-    return {"squared_w2": [round(score(sampler(network, nfe=n)), 4) for n in NFE]}
+    return {"squared_w2": {n: round(score(sampler(network, nfe=n)), 4) for n in NFE}}
 
 
 def main() -> None:
@@ -76,7 +76,7 @@ def main() -> None:
     pairs = [(name, n) for name in COUPLINGS for n in rows]
     pairs = [("truth", 1), ("independent", 1), *pairs]
     keys = [{"coupling": name, "rows": n, "seed": seed} for seed in seeds for name, n in pairs]
-    opened(__doc__, SETTING).fill(keys, compute)
+    opened(__doc__, SETTING, axis="nfe").fill(keys, compute)
 
 
 if __name__ == "__main__":

@@ -9,9 +9,8 @@ k-means, and the numbers of the training windows in 512 of them, so that its pai
 without finding and pairing all.
 
     python benchmarks/policy_weights.py push-t --seed 1
-    python benchmarks/policy_weights.py arm-ring independent minibatch_ot conditional_ot residual
-    python benchmarks/policy_weights.py arm-avoid diffusion_residual --build build/arm_avoid_data
-    python -m cotlearn.assets
+    python benchmarks/policy_weights.py arm-ring-replanning
+    python -m cotlearn.course
 """
 
 import argparse
@@ -20,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from cotlearn.assets import data_folder, find_data
 from cotlearn.couplings.conditions import KMeansCondition
+from cotlearn.course.assets import data_folder, find_data
 from cotlearn.metrics import paired_bootstrap
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import rollout
@@ -46,7 +45,7 @@ def main(setting: str, methods: list[str], seed: int, build: Path) -> None:
         trained = build / f"{method}-{seed}.safetensors"
         policy = ChunkPolicy.load(trained)
         shipped = data_folder() / "weights" / f"{name}_{method}.safetensors"
-        policy.about = {"coupling": method, "seed": seed, "protocol": policy.about["protocol"]}
+        policy.about = {"coupling": method, "seed": seed, "training": policy.about["training"]}
         policy.save(shipped, half=True)
         rounded = ChunkPolicy.load(shipped)
         print(f"{shipped.name}: {shipped.stat().st_size / 1e6:.2f} MB")
@@ -57,20 +56,18 @@ def main(setting: str, methods: list[str], seed: int, build: Path) -> None:
 def ship_strata(setting: str, trained: Path) -> None:
     """Writes the fitted clusters of a stratified training, and the rows of some."""
     policy = ChunkPolicy.load(trained)
-    protocol = policy.about["protocol"]
-    training, _ = split(
-        read(find_data(find_task(SETTINGS[setting].task).demonstrations)),
-        held_out=protocol["held_out"],
-        train=protocol["train_episodes"],
-    )
-    data = policy.windows.dataset(training, label=protocol["options"]["label"])
+    course = SETTINGS[setting]
+    demonstrations = read(find_data(find_task(course.task).demonstrations))
+    training, _ = split(demonstrations, held_out=course.held_out)
+    data = policy.windows.dataset(training, label=course.options.label)
     assert data.c is not None
-    clusters = KMeansCondition(protocol["options"]["clusters"]).fit(data.c)
+    assert course.options.clusters is not None
+    clusters = KMeansCondition(course.options.clusters).fit(data.c)
     some = torch.randperm(clusters.clusters, generator=torch.Generator().manual_seed(0))
     rows = torch.isin(clusters.labels(data.c), some[:SHOWN]).nonzero()[:, 0]
     shipped = data_folder() / "weights" / f"{setting.replace('-', '_')}_strata.safetensors"
     tensors = {**clusters.state_dict(), "rows": rows.int()}
-    save_tensors(shipped, tensors, {"protocol": protocol, "strata": SHOWN})
+    save_tensors(shipped, tensors, {"setting": setting, "strata": SHOWN})
     print(f"{shipped.name}: {shipped.stat().st_size / 1e6:.2f} MB, {len(rows)} rows")
 
 
@@ -98,5 +95,5 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--build", type=Path, help="of the policies; default: that of the setting")
     asked = parser.parse_args()
-    default = BUILD / asked.setting.replace("-", "_")
+    default = BUILD / "bench" / asked.setting
     main(asked.setting, list(asked.methods), asked.seed, asked.build or default)

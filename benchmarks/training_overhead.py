@@ -50,7 +50,7 @@ def seconds(coupling: Coupling, network: torch.nn.Module, data: Dataset, ot_batc
     return float(spent[-1] - spent[0]) / (STEPS - STEPS // 3)
 
 
-def measure(key: dict[str, Any]) -> dict[str, Any]:
+def measure(key: dict[str, Any]) -> list[dict[str, Any]]:
     """Median milliseconds of a step, for each coupling, and the ratios to independent."""
     torch.set_num_threads(key["threads"])
     data = actions()
@@ -65,13 +65,15 @@ def measure(key: dict[str, Any]) -> dict[str, Any]:
             alone = seconds(ConditionalOT(), network, data, key["ot_batch"])
         times["conditional_ot, pairs between the steps"].append(1000 * alone)
     medians = {name: statistics.median(values) for name, values in times.items()}
-    return {
-        "parameters": sum(p.numel() for p in network.parameters()),
-        "milliseconds_per_step": {n: round(v, 2) for n, v in medians.items()},
-        "ratio_to_independent": {
-            n: round(v / medians["independent"], 3) for n, v in medians.items()
-        },
-    }
+    return [
+        {
+            "coupling": name,
+            "milliseconds_per_step": round(median, 2),
+            "ratio_to_independent": round(median / medians["independent"], 3),
+            "parameters": sum(p.numel() for p in network.parameters()),
+        }
+        for name, median in medians.items()
+    ]
 
 
 def main() -> None:

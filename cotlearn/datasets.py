@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Generator, Tensor
@@ -33,6 +32,7 @@ class Standardiser:
         """Take mean and population standard deviation from rows (n, k), a tensor or an array."""
         if not isinstance(rows, Tensor):
             rows = validation.check_array(rows, "rows", (None, None))
+        rows = rows.detach() if isinstance(rows, Tensor) else rows
         validation.check_matrix(torch.as_tensor(rows), "rows")
         std = rows.std(0, unbiased=False) if isinstance(rows, Tensor) else rows.std(0)
         varies = (rows != rows[0]).any(0)  # rounding can give constant columns a std above 0
@@ -165,66 +165,3 @@ def digits(split: str = "all") -> Dataset:
     held_out = torch.arange(len(x1)) % 4 == 3
     rows = {"train": ~held_out, "test": held_out, "all": torch.ones_like(held_out)}[split]
     return Dataset(x1[rows], c[rows], name="digits")
-
-
-SKLEARN_TASKS = ("digits_lower", "diabetes", "breast_cancer", "flower")  #: see `sklearn_task`
-
-
-def sklearn_task(name: str) -> tuple[Dataset, Dataset]:
-    """Data of scikit-learn as conditional tasks, as training data and held-out data.
-
-    - digits_lower: the lower half of a digit (32 grey values) given the upper half; 1,797 rows.
-    - diabetes: disease progression, body mass and blood pressure of a patient given eight other
-      measurements; 442 rows.
-    - breast_cancer: 30 measurements of a tumour given its diagnosis, two labels; 569 rows.
-    - flower: the two colour differences of a photograph's pixel (blue and red minus brightness)
-      given the brightness of the 3 x 3 pixels around it; 6,000 pixels.
-
-    Columns of x1 and of numeric conditions are standardised. Grey values and brightness share one
-    scale, so that pixels that hardly vary are not amplified. Every fourth row is held out.
-
-    Args:
-        name: one of `SKLEARN_TASKS`.
-
-    Returns:
-        The training and the held-out `Dataset`.
-    """
-    from sklearn import datasets
-
-    validation.check_choice(name, "name", SKLEARN_TASKS)
-    if name == "digits_lower":
-        images = datasets.load_digits().data
-        x1, c = _one_scale(images[:, 32:]), _one_scale(images[:, :32])
-    elif name == "diabetes":
-        table, target = datasets.load_diabetes(return_X_y=True)
-        wanted = np.isin(np.arange(table.shape[1]), (2, 3))
-        x1, c = _columns(np.column_stack([target, table[:, wanted]])), _columns(table[:, ~wanted])
-    elif name == "breast_cancer":
-        table, target = datasets.load_breast_cancer(return_X_y=True)
-        x1, c = _columns(table), np.eye(2)[target]
-    else:
-        x1, c = _flower(datasets.load_sample_image("flower.jpg"))
-    rows = np.random.default_rng(0).permutation(len(x1))
-    x, condition = (torch.from_numpy(values[rows]).float() for values in (x1, c))
-    held_out = torch.arange(len(x)) % 4 == 3
-    train, test = (Dataset(x[part], condition[part], name) for part in (~held_out, held_out))
-    return train, test
-
-
-def _flower(image: Array) -> tuple[Array, Array]:
-    """Colour differences (6000, 2) and 3 x 3 brightness (6000, 9) of random pixels of an image."""
-    red, green, blue = np.moveaxis(image.astype(np.float64) / 255, 2, 0)
-    light = 0.299 * red + 0.587 * green + 0.114 * blue  # ITU-R BT.601
-    around = np.lib.stride_tricks.sliding_window_view(light, (3, 3)).reshape(-1, 9)
-    colour = np.stack([blue - light, red - light], axis=2)[1:-1, 1:-1].reshape(-1, 2)
-    rows = np.random.default_rng(0).choice(len(colour), 6000, replace=False)
-    return _columns(colour[rows]), _one_scale(around[rows])
-
-
-def _columns(table: Array) -> Array:
-    return np.asarray(Standardiser.fit(table)(table))
-
-
-def _one_scale(table: Array) -> Array:
-    centred = table - table.mean(axis=0)
-    return np.asarray(centred / np.sqrt((centred**2).mean()))

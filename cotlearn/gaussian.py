@@ -81,36 +81,38 @@ class LinearGaussian:
         Raises:
             ValueError: g is negative, too large or an unknown name, or label is unknown.
         """
-        by_source = validation.check_choice(label, "label", ("target", "source")) == "source"
-        d, k = self.A.shape
-        everything = self.covariance
-        x1_x1, x1_c = everything[:d, :d], everything[:d, d:]
-        x0_c = np.zeros((d, k))  # unless noise is chosen by the label
-        if isinstance(g, str):
-            validation.check_choice(g, "g", ("independent",))
-            x0_x1 = np.zeros((d, d))
-        elif math.isinf(g := validation.check_number(g, "g", infinite=True)):
-            x0_x1 = _sqrtm(self.S)  # x1 = A c + b + S^(1/2) x0, whichever condition is the label
-        elif g == 0:  # the map from N(0, I) ignores c
-            x0_x1 = _sqrtm(x1_x1)
-            if by_source:  # c0 is independent of x0 and x1
-                x1_c = np.zeros((d, k))
-            else:  # x0 depends on c through x1
-                x0_c = x0_x1 @ np.linalg.solve(x1_x1, x1_c)
-        elif g**2 * np.linalg.eigvalsh(self.S_c).max() > LARGEST_WEIGHT:
-            raise ValueError(f"g = {g:.3g} is too large for float64; use math.inf")
-        else:
-            scale = linalg.block_diag(np.eye(d), g * np.eye(k))
-            source = linalg.block_diag(np.eye(d), g**2 * self.S_c)
-            # Cov((x0, g c0), (x1, g c1))
-            cross = source @ bures_map(source, scale @ everything @ scale)
-            x0_x1 = cross[:d, :d]
-            if by_source:
-                x1_c = cross[d:, :d].T / g
-            else:
-                x0_c = cross[:d, d:] / g
+        validation.check_choice(label, "label", ("target", "source"))
+        d = len(self.b)
+        x0_x1, x0_c1, x1_c0 = self._plan(g)
+        x1_x1, x1_c1 = self.covariance[:d, :d], self.covariance[:d, d:]
+        if label == "target":
+            x0_c, x1_c = x0_c1, x1_c1
+        else:  # x0 is drawn with c0, and independent of it
+            x0_c, x1_c = np.zeros_like(x0_c1), x1_c0
         blocks = [[np.eye(d), x0_x1, x0_c], [x0_x1.T, x1_x1, x1_c], [x0_c.T, x1_c.T, self.S_c]]
         return AffineFlow(self, np.block(blocks))
+
+    def _plan(self, g: float | str) -> tuple[Array, Array, Array]:
+        """Cov(x0, x1), Cov(x0, c1) and Cov(x1, c0) of a coupling."""
+        d, k = self.A.shape
+        x1_x1, x1_c1 = self.covariance[:d, :d], self.covariance[:d, d:]
+        none = np.zeros((d, k))
+        if isinstance(g, str):
+            validation.check_choice(g, "g", ("independent",))
+            return np.zeros((d, d)), none, x1_c1
+        g = validation.check_number(g, "g", infinite=True)
+        if math.isinf(g):  # x1 = A c + b + S^(1/2) x0, and c0 = c1
+            return _sqrtm(self.S), none, x1_c1
+        if g == 0:  # the map from N(0, I) ignores c, so x0 depends on c1 through x1 alone
+            x0_x1 = _sqrtm(x1_x1)
+            return x0_x1, x0_x1 @ np.linalg.solve(x1_x1, x1_c1), none
+        if g**2 * np.linalg.eigvalsh(self.S_c).max() > LARGEST_WEIGHT:
+            raise ValueError(f"g = {g:.3g} is too large for float64; use math.inf")
+        scale = linalg.block_diag(np.eye(d), g * np.eye(k))
+        source = linalg.block_diag(np.eye(d), g**2 * self.S_c)
+        target = scale @ self.covariance @ scale
+        cross = source @ bures_map(source, target)  # Cov((x0, g c0), (x1, g c1))
+        return cross[:d, :d], cross[:d, d:] / g, cross[d:, :d].T / g
 
 
 @dataclass(frozen=True)

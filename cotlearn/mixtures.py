@@ -5,16 +5,18 @@ Gaussians, its density, fresh samples and the velocity field of the *independent
 standard normal noise are exact: they are the oracles of the course.
 """
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, ParamSpec
 
 import torch
 from torch import Tensor
 
 from cotlearn import validation
 
+P = ParamSpec("P")
 _SHIFT = 0.2  #: torchdyn's noise, before the moons are made 3 x as large
 
 
@@ -46,6 +48,11 @@ class ConditionalGaussianMixture:
     components: Callable[[Tensor], Components]
     draw_conditions: Callable[[int, torch.Generator | None], Tensor]
     representative: Callable[[int], Tensor]
+
+    def __reduce__(self) -> str | tuple[Any, ...]:
+        """Pickled for another process as the call that makes it: its functions are closures."""
+        call = getattr(self, "_call", None)
+        return (_made_again, call) if call else super().__reduce__()
 
     def sample_conditions(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Draw n conditions from p(c), shape (n, k)."""
@@ -150,6 +157,25 @@ def _continuous(
     return ConditionalGaussianMixture(name, 2, 1, components, uniform_conditions, spread_conditions)
 
 
+def _remembered(
+    make: Callable[P, ConditionalGaussianMixture],
+) -> Callable[P, ConditionalGaussianMixture]:
+    """Its mixtures know the call that made them, to be pickled as that."""
+
+    @functools.wraps(make)
+    def made(*args: P.args, **options: P.kwargs) -> ConditionalGaussianMixture:
+        mixture = make(*args, **options)
+        object.__setattr__(mixture, "_call", (make.__name__, args, options))
+        return mixture
+
+    return made
+
+
+def _made_again(name: str, args: Any, options: Any) -> ConditionalGaussianMixture:
+    mixture: ConditionalGaussianMixture = globals()[name](*args, **options)
+    return mixture
+
+
 def uniform_conditions(n: int, generator: torch.Generator | None = None) -> Tensor:
     """n conditions drawn uniformly from [-1, 1], shape (n, 1)."""
     validation.check_generator(generator)
@@ -161,6 +187,7 @@ def spread_conditions(n: int) -> Tensor:
     return ((torch.arange(validation.check_count(n, "n")) + 0.5) / n * 2 - 1)[:, None]
 
 
+@_remembered
 def petals(n_conditions: int = 4) -> ConditionalGaussianMixture:
     """Petals on a ring: the course's first example.
 
@@ -174,6 +201,7 @@ def petals(n_conditions: int = 4) -> ConditionalGaussianMixture:
     return _labelled("petals", torch.stack([centre - tangent, centre + tangent], dim=1), 0.25)
 
 
+@_remembered
 def moving_modes() -> ConditionalGaussianMixture:
     """c in [-1, 1] turns two opposite modes at radius 2 about the origin, by pi c / 2.
 
@@ -187,6 +215,7 @@ def moving_modes() -> ConditionalGaussianMixture:
     return _continuous("moving_modes", means, 0.25)
 
 
+@_remembered
 def rotating_pair() -> ConditionalGaussianMixture:
     """c in [-1, 1] moves a pair of modes along half a circle of radius 3: the mean moves.
 
@@ -200,6 +229,7 @@ def rotating_pair() -> ConditionalGaussianMixture:
     return _continuous("rotating_pair", means, 0.25)
 
 
+@_remembered
 def fork() -> ConditionalGaussianMixture:
     """c in [-1, 1] walks along a road that forks at c = 0 (after COT Policy, 2505.01179).
 
@@ -213,6 +243,7 @@ def fork() -> ConditionalGaussianMixture:
     return _continuous("fork", means, 0.15)
 
 
+@_remembered
 def eight_gaussians() -> ConditionalGaussianMixture:
     """Eight Gaussians on a circle of radius 5, standard deviation sqrt(0.1); c = which (one-hot).
 
@@ -222,6 +253,7 @@ def eight_gaussians() -> ConditionalGaussianMixture:
     return _labelled("eight_gaussians", means[:, None, :], math.sqrt(0.1))
 
 
+@_remembered
 def moons(condition: str = "class", *, torchdyn: bool = False) -> ConditionalGaussianMixture:
     """Two moons of 3 x the usual size, with the moon (one-hot) or the x coordinate as condition.
 

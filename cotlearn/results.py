@@ -1,25 +1,204 @@
-"""Results on disk: cells that are computed once and stored with versions and machine."""
+"""Results on disk: tidy tables in CSV files that say what made them."""
 
-import contextlib
+import csv
 import importlib.metadata
+import io
 import json
+import math
 import os
 import platform
 import re
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, as_completed
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
 
+from cotlearn.course.assets import find_data
 from cotlearn.files import write_text
-from cotlearn.validation import check_choice
 
 Values = dict[str, Any]
 Say = Callable[[str], None]
+
+#: The last columns of a table: what a cell took, by the clock and of the CPU.
+SPENT = ("seconds", "cpu_seconds")
+
+
+def read_table(name: str) -> Any:
+    """Reads a table of the course.
+
+    Args:
+        name: of a file in `data/results/`, without ".csv".
+
+    Returns:
+        A `pandas.DataFrame`, one row a measurement. Its `attrs` say what made it: "question",
+        "command", "protocol", "versions", "machine", and the "cpu_seconds" of all cells.
+
+    Raises:
+        ValueError: there is no such file.
+    """
+    return _frame(find_data(f"results/{name}.csv"))
+
+
+def _frame(path: Path) -> Any:
+    """The rows of a file, and in `attrs` what made them."""
+    import pandas
+
+    frame = pandas.read_csv(path, comment="#", keep_default_na=False, na_values=[""])
+    frame.attrs = _about(path.read_text(encoding="utf-8"))
+    return frame
+
+
+class Table:
+    """Rows in one CSV file, computed cell by cell; a stopped run goes on where it was.
+
+    The first lines begin with `#`. They keep what made the table, for instance the `protocol`, as
+    JSON. Then come the rows. A *cell* is what is computed for one key: one row or several.
+
+    Args:
+        path: the file; the cells in it are not computed again.
+        question: the question that the table answers, one sentence.
+        command: the shell command that computes the table.
+        protocol: the settings shared by all cells; JSON-compatible.
+        axis: what the numbers in `{"error": {1: 0.5, 16: 0.1}}` are, for instance "nfe": they get
+            a row each. Two names with a space between for numbers within numbers.
+
+    Raises:
+        ValueError: the file is damaged or was made with another protocol.
+    """
+
+    def __init__(
+        self, path: Path, *, question: str, command: str, protocol: Values, axis: str = ""
+    ) -> None:
+        self.path, self.axes = path, axis.split()
+        self.rows: list[dict[str, str]] = []
+        protocol = json.loads(json.dumps(protocol))  # as it will be read back
+        self.about: Values = {"question": question, "command": command, "protocol": protocol}
+        self.about |= {**machine("POT"), "cpu_seconds": 0}
+        if path.exists():
+            stored, self.rows = _read(path)
+            if stored["protocol"] != protocol:
+                raise ValueError(f"{path} was made with another protocol: give another file")
+            self.about["cpu_seconds"] = stored["cpu_seconds"]
+
+    def fill(
+        self,
+        keys: Sequence[Values],
+        compute: Callable[[Any], Values | list[Values]],
+        *,
+        say: Say = print,
+    ) -> None:
+        """Computes the missing cells, and stores each as soon as it is done.
+
+        Args:
+            keys: of all cells, with the same names in each: the first columns.
+            compute: returns the values of a key: numbers, words, truth values, None, and
+                dictionaries of these, `{"skew": {"mean": 0.1}}` for a column `skew_mean`; or a list
+                of such dictionaries, one for each row.
+            say: where a line about each cell goes.
+        """
+        missing = [key for key in keys if not self.holds(key)]
+        say(f"{len(keys)} cells, {len(keys) - len(missing)} done already")
+        for number, key in enumerate(missing, start=1):
+            started, cpu = time.perf_counter(), time.process_time()
+            values = compute(key)
+            seconds = round(time.perf_counter() - started, 1)
+            self.keep(key, values, seconds, round(time.process_time() - cpu, 1))
+            say(f"[{number}/{len(missing)}] {key}: {seconds:.0f} s")
+
+    def holds(self, key: Values) -> bool:
+        """Whether a cell with this key is in the file."""
+        words = _words(key).items()
+        return any(words <= row.items() for row in self.rows)
+
+    def keep(
+        self, key: Values, values: Values | list[Values], seconds: float, cpu_seconds: float
+    ) -> None:
+        """Adds a cell to the file.
+
+        Raises:
+            ValueError: a value is no number, word or truth value, or not finite.
+        """
+        first = key | dict.fromkeys(self.axes)
+        last = {"seconds": seconds, "cpu_seconds": cpu_seconds}
+        for each in values if isinstance(values, list) else [values]:
+            self.rows += [_words(first | row | last) for row in _melted(each, self.axes)]
+        self.about["cpu_seconds"] = round(self.about["cpu_seconds"] + cpu_seconds, 1)
+        self.write()
+
+    def frame(self) -> Any:
+        """The rows as a `pandas.DataFrame`, see `read_table`."""
+        return _frame(self.path)
+
+    def write(self) -> None:
+        """Writes the file."""
+        text = io.StringIO()
+        for name, value in self.about.items():
+            text.write(f"# {name}: {json.dumps(value, ensure_ascii=False, allow_nan=False)}\n")
+        columns = dict.fromkeys(name for row in self.rows for name in row if name not in SPENT)
+        writer = csv.DictWriter(text, [*columns, *SPENT], restval="", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(self.rows)
+        write_text(self.path, text.getvalue())
+
+
+def _melted(values: Values, axes: Sequence[str]) -> list[Values]:
+    """The rows of nested dictionaries: words become names of columns, numbers those of rows."""
+    shared: Values = {}
+    rows: dict[tuple[Any, ...], Values] = {}
+    for path, value in _leaves(values):
+        numbers = tuple(part for part in path if not isinstance(part, str))
+        name = "_".join(part for part in path if isinstance(part, str))
+        row = (
+            rows.setdefault(numbers, dict(zip(axes, numbers, strict=False))) if numbers else shared
+        )
+        row[name] = value
+    return [row | shared for row in rows.values()] or [shared]
+
+
+def _leaves(values: Mapping[Any, Any], path: tuple[Any, ...] = ()) -> Iterator[Any]:
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, (*path, name))
+        else:
+            yield (*path, name), value
+
+
+def _words(row: Values) -> dict[str, str]:
+    """A row as it is written."""
+    words = {}
+    for name, value in row.items():
+        if not isinstance(value, str | int | float | None):
+            raise ValueError(f"{name} must be a number, a word or a truth value; got {value!r}")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError(f"{name} must be finite; got {value}")
+        words[name] = "" if value is None else str(value)
+        if "#" in words[name]:
+            raise ValueError(f"{name} must not contain #, which begins a comment; got {value!r}")
+    return words
+
+
+def _read(path: Path) -> tuple[Values, list[dict[str, str]]]:
+    """What made a table, and its rows."""
+    text = path.read_text(encoding="utf-8")
+    try:
+        about = _about(text)
+        lines = [line for line in text.splitlines() if not line.startswith("#")]
+        rows = list(csv.DictReader(lines))
+        if missing := {"protocol", "cpu_seconds"} - about.keys():
+            raise ValueError(f"it has no {min(missing)}")
+        if not text.endswith("\n") or any(None in (*row, *row.values()) for row in rows):
+            raise ValueError("a row is not whole")
+    except (ValueError, RecursionError) as error:  # JSON may be too deep
+        raise ValueError(f"{path} is damaged: delete it to make it again ({error})") from error
+    return about, rows
+
+
+def _about(text: str) -> Values:
+    """The lines of a table that begin with #."""
+    lines = (line[2:].split(": ", 1) for line in text.splitlines() if line.startswith("# "))
+    return {name: json.loads(value) for name, value in lines}
 
 
 def machine(*packages: str) -> Values:
@@ -27,172 +206,15 @@ def machine(*packages: str) -> Values:
     names = ("torch", "numpy", "scipy", *packages)
     versions = {name: importlib.metadata.version(name) for name in names}
     versions = {"python": platform.python_version(), **versions}
-    core = f"one of {os.cpu_count()} CPU cores of a shared server, {platform.machine()}"
+    core = f"one of {os.cpu_count()} cores of a shared server, {processor()}"
     return {"versions": versions, "machine": f"{core}, {torch.get_num_threads()} thread"}
 
 
-def write_json(path: Path, value: Any) -> None:
-    """Writes JSON atomically, with each innermost list of numbers on one line."""
-    text = json.dumps(value, indent=1, allow_nan=False)
-    text = re.sub(r"\[[^\[\]{}\"]*\]", lambda found: " ".join(found[0].split()), text)
-    write_text(path, text + "\n")
-
-
-def read_json(path: Path, *keys: str) -> Values:
-    """Reads a file written by `write_json`, which must contain the keys.
-
-    Raises:
-        ValueError: the file is damaged or lacks a key.
-    """
-    try:
-        found: Values = json.loads(path.read_text(encoding="utf-8"))
-        if missing := [key for key in keys if key not in found]:
-            raise ValueError(f"it has no {missing[0]}")
-    except ValueError as error:
-        raise ValueError(f"{path} is damaged: delete it to make it again ({error})") from error
-    return found
-
-
-class Store:
-    """Abstract base class of stores: computes missing cells, and resumes after an interruption.
-
-    A subclass implements `holds(key)`, whether a cell is stored, and `keep(key, values)`, which
-    stores one; its values include "seconds" and "cpu_seconds".
-    """
-
-    def fill(
-        self: Any,
-        keys: Sequence[Any],
-        compute: Callable[[Any], Values],
-        *,
-        executor: str = "local",
-        say: Say = print,
-    ) -> None:
-        """Computes the missing cells, and stores each as soon as it is done.
-
-        Args:
-            keys: of all cells.
-            compute: returns the values of a key. Dask and Ray send it to their workers.
-            executor: "local", one cell after the other in this process; "dask" or "ray", in the
-                workers of the cluster that DASK_SCHEDULER_ADDRESS or RAY_ADDRESS names, or else in
-                one worker for each core of this machine.
-            say: where a line about each cell goes.
-
-        Raises:
-            ValueError: an unknown executor, or stored cells do not fit.
-            ImportError: Dask or Ray is not installed; `pip install 'cotlearn[machines]'` does it.
-        """
-
-        def timed(key: Any) -> tuple[Any, Values]:
-            started, cpu = time.perf_counter(), time.process_time()
-            values = compute(key)
-            seconds = round(time.perf_counter() - started, 1)
-            spent = {"seconds": seconds, "cpu_seconds": round(time.process_time() - cpu, 1)}
-            return key, {**values, **spent}
-
-        with _opened(executor) as each:
-            missing = [key for key in keys if not self.holds(key)]
-            say(f"{len(keys)} cells, {len(keys) - len(missing)} done already")
-            for number, (key, values) in enumerate(each(timed, missing), start=1):
-                self.keep(key, values)
-                say(f"[{number}/{len(missing)}] {key}: {values['seconds']:.0f} s")
-
-
-@contextlib.contextmanager
-def _opened(executor: str) -> Iterator[Callable[..., Iterable[Any]]]:
-    """A function like `map`; with workers, its results come in the order in which they are done."""
-    check_choice(executor, "executor", ("local", "dask", "ray"))
-    if executor == "local":
-        yield map
-    elif executor == "dask":
-        from distributed import Client
-
-        with Client(threads_per_worker=1, dashboard_address=None) as client:
-            yield partial(_each, client.get_executor().submit)
-    else:
-        import ray
-
-        with ray.init():
-            yield partial(_each, lambda f, key: ray.remote(f).remote(key).future())
-
-
-def _each(submit: Callable[..., Future[Any]], f: Callable[[Any], Any], keys: Any) -> Iterator[Any]:
-    """The results of f(key) in the order in which they are done."""
-    return (done.result() for done in as_completed([submit(f, key) for key in keys]))
-
-
-class Table(Store):
-    """A store of cells in one JSON file.
-
-    Args:
-        path: the file; the cells in it are not computed again.
-        question: the question that the table answers, one sentence.
-        command: the shell command that computes the table.
-        protocol: the settings shared by all cells; JSON-compatible.
-
-    Raises:
-        ValueError: the file is damaged or was made with another protocol.
-    """
-
-    def __init__(self, path: Path, *, question: str, command: str, protocol: Values) -> None:
-        self.path = path
-        protocol = json.loads(json.dumps(protocol))  # as it will be read back
-        stored = read_json(path) if path.exists() else {"protocol": protocol, "cells": []}
-        if stored["protocol"] != protocol:
-            raise ValueError(f"{path} was made with another protocol: give another file")
-        self.document: Values = {
-            "question": question,
-            "command": command,
-            "protocol": protocol,
-            **machine("POT"),
-            "cells": stored["cells"],
-        }
-
-    def holds(self, key: Values) -> bool:
-        """Whether a cell with this key is in the file."""
-        return any(cell["key"] == key for cell in self.document["cells"])
-
-    def keep(self, key: Values, values: Values) -> None:
-        """Adds a cell to the file."""
-        self.document["cells"].append({"key": key, **values})
-        self.write()
-
-    def write(self) -> None:
-        """Writes the file."""
-        for total in ("seconds", "cpu_seconds"):
-            self.document[total] = round(sum(cell[total] for cell in self.document["cells"]))
-        write_json(self.path, self.document)
-
-
-class Folder(Store):
-    """A store with one JSON file per cell, so that several processes can run in parallel.
-
-    Args:
-        path: the folder.
-        protocol: the settings shared by all cells, as JSON returns them.
-        read: converts a stored protocol before it is compared, for instance from old names.
-    """
-
-    def __init__(
-        self, path: Path, protocol: Values, *, read: Callable[[Values], Values] = dict
-    ) -> None:
-        self.path, self.protocol, self.read = path, protocol, read
-
-    def holds(self, key: str) -> bool:
-        """Whether there is a file for this key.
-
-        Raises:
-            ValueError: the file is damaged or was made with another protocol.
-        """
-        file = self.path / f"{key}.json"
-        if not file.is_file():
-            return False
-        stored = self.read(read_json(file, "protocol")["protocol"])
-        other = sorted(k for k in self.protocol if stored.get(k) != self.protocol[k])
-        if other:
-            raise ValueError(f"{file} was made with another protocol ({', '.join(other)})")
-        return True
-
-    def keep(self, key: str, values: Values) -> None:
-        """Writes the file of a cell."""
-        write_json(self.path / f"{key}.json", {"protocol": self.protocol, **values})
+def processor() -> str:
+    """The processor's name and architecture: speeds of one say little about another."""
+    found = platform.processor()
+    cpuinfo = Path("/proc/cpuinfo")  # Linux, where `platform` knows no name
+    if cpuinfo.is_file():
+        models = re.findall(r"^model name\s*: (.+)$", cpuinfo.read_text(), re.MULTILINE)
+        found = models[0] if models else found
+    return f"{found or 'unknown'}, {platform.machine()}"

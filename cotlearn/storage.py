@@ -10,7 +10,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from cotlearn.files import atomic_path
+from cotlearn.files import atomic_path, reading
 
 _KEY = "cotlearn"
 
@@ -37,14 +37,12 @@ def load_tensors(path: str | Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such file: {path}")
-    try:
+    with reading(path, "was not written by cotlearn"):
         with safe_open(path, framework="pt") as file:
             record = json.loads((file.metadata() or {})[_KEY])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         about: dict[str, Any] = record["about"]
         whole = record["sha256"] == digest(tensors, about)
-    except (SafetensorError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is damaged or was not written by cotlearn: {error}") from error
     if not whole:
         raise ValueError(f"{path} is damaged: its contents do not match their SHA-256")
     return tensors, about

@@ -5,6 +5,7 @@ Each error message names the argument, the value that came and the value that wa
 
 import itertools
 import math
+import os
 import tempfile
 from collections.abc import Sequence
 from numbers import Integral
@@ -18,6 +19,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 Shape = tuple[int | EllipsisType | None, ...]
+#: Floating-point types that torch computes with.
+FLOATS = {torch.float16, torch.bfloat16, torch.float32, torch.float64}
+LARGEST_SEED = 2**63 - 1  #: that a torch.Generator takes
+SMALLEST_SQUARED, LARGEST_SQUARED = 1e-140, 1e145  #: of numbers whose squares are summed
 #: What couplings say of images.
 IMAGES = "; images[pairs.target_index] are the images of the pairs"
 
@@ -39,6 +44,7 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None, hint: str
         raise TypeError(f"{name} must be a torch tensor, got {type(value).__name__}")
     if not value.is_floating_point():
         raise TypeError(f"{name} must be a floating-point tensor, got {value.dtype}")
+    _check_plain(value, name)
     if value.ndim != 2:
         flat = f"; pass {name}.flatten(1){hint}" if value.ndim > 2 else ""
         raise ValueError(f"{name} must have shape (rows, columns), got {tuple(value.shape)}{flat}")
@@ -46,8 +52,6 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None, hint: str
         raise ValueError(f"{name} is empty: it has shape {tuple(value.shape)}")
     if columns is not None and value.shape[1] != columns:
         raise ValueError(f"{name} has {value.shape[1]} columns, expected {columns}")
-    if value.is_meta:
-        raise ValueError(f"{name} must hold numbers, got a tensor on the device meta")
     if not math.isfinite(value.detach().sum()):  # quick; large finite numbers can overflow, too
         bad = int((~torch.isfinite(value)).any(dim=1).sum())
         if bad:
@@ -63,8 +67,31 @@ def check_shape(value: Any, name: str, shape: tuple[int, ...], verb: str = "have
     if not isinstance(value, Tensor) or not value.is_floating_point():
         got = value.dtype if isinstance(value, Tensor) else type(value).__name__
         raise TypeError(f"{name} must {verb} a floating-point tensor, got {got}")
+    _check_plain(value, name)
     if value.shape != shape:  # broadcasting would hide it
         raise ValueError(f"{name} must {verb} shape {tuple(shape)}, got {tuple(value.shape)}")
+    return value
+
+
+def _check_plain(value: Tensor, name: str) -> None:
+    """Raise TypeError unless a tensor of numbers is dense, holds them, and can be computed with."""
+    if value.layout != torch.strided:
+        got = f"{value.layout}: pass {name}.to_dense()"
+        raise TypeError(f"{name} must be a dense tensor, got {got}")
+    if value.is_meta:
+        raise TypeError(f"{name} must hold numbers, got a tensor on the device 'meta'")
+    if value.is_floating_point() and value.dtype not in FLOATS:
+        raise TypeError(f"{name} must have 16, 32 or 64 bits a number, got {value.dtype}")
+
+
+def check_index(value: Any, name: str, rows: int) -> Tensor:
+    """Return `value` if it is a tensor of integers of shape (rows,)."""
+    whole = isinstance(value, Tensor) and not (value.is_floating_point() or value.is_complex())
+    if not whole or value.dtype == torch.bool:
+        got = value.dtype if isinstance(value, Tensor) else type(value).__name__
+        raise TypeError(f"{name} must be a tensor of integers, got {got}")
+    if value.shape != (rows,):
+        raise ValueError(f"{name} must have shape ({rows},), got {tuple(value.shape)}")
     return value
 
 
@@ -79,12 +106,74 @@ def check_condition(value: Any, name: str = "c", *, columns: int | None = None) 
         ValueError: `value` has another shape, no rows, or values that are not finite.
     """
     if isinstance(value, Tensor) and not value.is_floating_point() and not value.is_complex():
-        value = value.to(torch.get_default_dtype())
+        value = _as_floats(value, name)
     if isinstance(value, Tensor) and value.ndim == 1:
         hint = "for class labels use torch.nn.functional.one_hot, for one number per row c[:, None]"
         got = tuple(value.shape)
         raise ValueError(f"{name} must have shape (rows, columns), got {got}; {hint}")
     return check_matrix(value, name, columns=columns)
+
+
+def _as_floats(value: Tensor, name: str) -> Tensor:
+    """Integers or bools as floats, if none of them merge."""
+    _check_plain(value, name)
+    floats = value.to(torch.get_default_dtype())
+    if not torch.equal(floats.double(), value.double()):
+        raise ValueError(
+            f"{name} has integers up to {int(value.abs().max())}, of which {floats.dtype} "
+            f"would merge some: subtract a constant, or pass {name}.double()"
+        )
+    return floats
+
+
+def check_single(value: NDArray[Any], name: str) -> Tensor:
+    """Return real numbers (n, k) as a float32 tensor, unless that rounds away what a column says.
+
+    Raises:
+        ValueError: the rounding error of a column exceeds a thousandth of its deviation, or half of
+            its distinct values would merge.
+    """
+    deviation, noise = _deviation(value)
+    largest = np.abs(value.astype(np.float64)).max(axis=0)
+    single = np.finfo(np.float32)
+    error = np.maximum(single.eps * largest, single.smallest_subnormal)
+    lost = (deviation > noise) & (error > 1e-3 * deviation) & np.isfinite(deviation)
+    lost |= _half_would_merge(value)
+    if lost.any():
+        column = int(np.flatnonzero(lost)[0])
+        raise ValueError(
+            f"{name} has values up to {largest[column]:.6g} in column {column}, so near each other "
+            f"(deviation {deviation[column]:.3g}) that float32 would merge them; subtract the "
+            "column's mean and divide by its deviation"
+        )
+    with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused
+        return torch.from_numpy(value.astype(np.float32))
+
+
+def _deviation(value: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The standard deviation of each column (n, k), and up to where it is rounding, each (k,)."""
+    least = value.min(axis=0)
+    if value.dtype.kind in "iu":  # before floats merge them; exact, as it wraps around
+        above = (value.astype(np.uint64) - least.astype(np.uint64)).astype(np.float64)
+        noise = np.zeros(value.shape[1])
+    else:
+        value = value.astype(np.float64)
+        with np.errstate(over="ignore"):
+            above = value - least
+        noise = 4 * np.finfo(np.float64).eps * np.abs(value).max(axis=0)
+    reach = above.max(axis=0)
+    with np.errstate(invalid="ignore"):  # of an infinite reach
+        return (above / np.where(reach > 0, reach, 1.0)).std(axis=0) * reach, noise
+
+
+def _half_would_merge(value: NDArray[Any]) -> NDArray[np.bool_]:
+    """Whether float32 merges half of about 1,000 neighbouring values of a column (n, k), (k,)."""
+    some = np.sort(value[:: max(1, len(value) // 1000)], axis=0)
+    rounding = 0.0 if value.dtype.kind in "iub" else 4 * np.finfo(np.float64).eps
+    with np.errstate(over="ignore", invalid="ignore"):
+        differ = np.diff(some, axis=0) > rounding * np.abs(some[1:].astype(np.float64))
+        merge = differ & (np.diff(some.astype(np.float32), axis=0) == 0)
+    return merge.sum(axis=0) > differ.sum(axis=0) / 2
 
 
 def check_same_rows(first: Tensor, first_name: str, second: Tensor, second_name: str) -> None:
@@ -94,6 +183,21 @@ def check_same_rows(first: Tensor, first_name: str, second: Tensor, second_name:
     if len(first) != len(second):
         rows = f"{first_name} has {len(first)} rows, {second_name} has {len(second)}"
         raise ValueError(f"{rows}: they must have the same number")
+
+
+def check_squares(**values: Tensor) -> None:
+    """Raise ValueError if squares of these finite tensors (n, k) overflow, or vanish altogether.
+
+    Only float64 holds such numbers.
+    """
+    size = {name: float(x.detach().abs().max()) for name, x in values.items()}
+    largest = max(size, key=size.__getitem__)
+    if size[largest] > LARGEST_SQUARED or 0 < size[largest] < SMALLEST_SQUARED:
+        raise ValueError(
+            f"{' and '.join(values)} must have values between {SMALLEST_SQUARED:g} and "
+            f"{LARGEST_SQUARED:g}, whose squares float64 holds; {largest} has values up to "
+            f"{size[largest]:.3g}: divide by their scale"
+        )
 
 
 def check_inputs(network: Any, x: Any, c: Any, name: str = "x") -> Any:
@@ -150,12 +254,12 @@ def check_real(value: Any, name: str, kinds: str = "fiub") -> NDArray[Any]:
         kinds: letters of the types (`dtype.kind`) that are allowed.
 
     Raises:
-        TypeError: it has another type (complex numbers, dates, Python objects), or needs gradients.
+        TypeError: it has another type (complex numbers, Python objects), or needs gradients.
         ValueError: it is a masked array in which something is masked.
     """
     if isinstance(value, Tensor):
         value = check_without_gradient(value, name).cpu()
-    if any(map(np.ma.is_masked, value if isinstance(value, list | tuple) else [value])):
+    if np.ma.is_masked(value):
         raise ValueError(f"{name} has masked values: drop their rows, or fill them")
     try:
         array = np.asarray(value)
@@ -163,6 +267,7 @@ def check_real(value: Any, name: str, kinds: str = "fiub") -> NDArray[Any]:
         array = np.array(None)
     if array.dtype.kind not in kinds:
         wanted = "integers" if kinds == "iu" else "real numbers"
+        wanted += " or strings" if "U" in kinds else ""
         got = repr(value) if array.dtype.kind in "OUS" else array.dtype
         raise TypeError(f"{name} must hold {wanted}, got {got}")
     return array
@@ -196,25 +301,23 @@ def check_array(value: Any, name: str, shape: Shape) -> NDArray[np.float64]:
 def check_count(
     value: Any, name: str, *, minimum: int = 1, most: int | None = None, of: str = "{}"
 ) -> int:
-    """Return `value` if it is an integer from `minimum` to `most`, or to 2**63 - 1 without it.
+    """Return `value` if it is an integer from `minimum` to `most`.
 
     True, 3.0 and tensors are not integers. `of` says what `most` is, as "the {} rows".
     """
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be an integer, got {value!r}")
     number = int(value)
-    if number >= 2**63:
-        raise ValueError(f"{name} must be below 2**63, got {_digits(number)}")
     if number < minimum:
-        raise ValueError(f"{name} must be at least {minimum}, got {_digits(number)}")
+        raise ValueError(f"{name} must be at least {minimum}, got {number}")
     if most is not None and number > most:
         raise ValueError(f"{name} must be at most {of.format(most)}, got {number}")
     return number
 
 
-def _digits(number: int) -> str:
-    """The number, or how long it is; Python refuses to write more than 4,300 digits."""
-    return str(number) if abs(number) < 10**30 else f"a number of {number.bit_length()} bits"
+def check_seed(value: Any, name: str = "seed") -> int:
+    """Return `value` if it is an integer from 0 to 2^63 - 1, the largest that torch takes."""
+    return check_count(value, name, minimum=0, most=LARGEST_SEED)
 
 
 def check_number(value: Any, name: str, *, minimum: float = 0.0, infinite: bool = False) -> float:
@@ -223,13 +326,9 @@ def check_number(value: Any, name: str, *, minimum: float = 0.0, infinite: bool 
         scalar = value.item() if hasattr(value, "item") else value  # of numpy or torch
     except (ValueError, RuntimeError):
         scalar = None
-    lost = np.ma.is_masked(value) or isinstance(value, np.datetime64 | np.timedelta64)
-    if lost or isinstance(scalar, bool) or not isinstance(scalar, int | float):
+    if isinstance(scalar, bool) or not isinstance(scalar, int | float):
         raise TypeError(f"{name} must be a number, got {value!r}")
-    try:
-        number = float(scalar)
-    except OverflowError:
-        raise ValueError(f"{name} is too large: {_digits(int(scalar))}") from None
+    number = float(scalar)
     if math.isnan(number) or number < minimum or (math.isinf(number) and not infinite):
         also = " (infinity is allowed)" if infinite else " and finite"
         raise ValueError(f"{name} must be at least {minimum:g}{also}, got {number}")
@@ -276,7 +375,7 @@ def check_seeds(values: Any, name: str = "seeds") -> list[int]:
     """Return seeds as a list if they are a sequence of at least one integer from 0."""
     if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str) or not len(values):
         raise TypeError(f"{name} must be a non-empty sequence of integers, got {values!r}")
-    return [check_count(seed, f"{name}[{i}]", minimum=0) for i, seed in enumerate(values)]
+    return [check_seed(seed, f"{name}[{i}]") for i, seed in enumerate(values)]
 
 
 def check_generator(value: Any, name: str = "generator") -> None:
@@ -285,19 +384,64 @@ def check_generator(value: Any, name: str = "generator") -> None:
         raise TypeError(f"{name} must be a torch.Generator or None, got {value!r}")
 
 
+def check_path(path: Any, name: str) -> Path:
+    """Return a path if its name can be written into a page, a table or a terminal."""
+    if not isinstance(path, str | Path):
+        raise TypeError(f"{name} must be a path, got {path!r}")
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise ValueError(f"{name} must have a name in UTF-8, got {os.fsencode(path)!r}") from None
+    if "\0" in str(path):
+        raise ValueError(f"{name} must be a path without a NUL character, got {str(path)!r}")
+    return Path(path)
+
+
+def check_input(path: Any, name: str = "path") -> Path:
+    """Return a path if there is a file or a folder to read.
+
+    Raises:
+        TypeError: it is no path.
+        ValueError: its name is not UTF-8.
+        FileNotFoundError: there is none; a pipe, which would be read without end, is none.
+    """
+    path = check_path(path, name)
+    if not (path.is_file() or path.is_dir()):
+        raise FileNotFoundError(f"no such file: {path}")
+    return path
+
+
+def check_separate(**paths: Path | None) -> None:
+    """Raise ValueError if two of these paths are one file, which would be overwritten.
+
+    Nor may a path lie in a folder that comes before it: a folder of data is all that is in it.
+    Links are followed, so that two names of one file are found.
+    """
+    given = {name: path for name, path in paths.items() if path is not None}
+    for (first, one), (second, other) in itertools.combinations(given.items(), 2):
+        same = os.path.realpath(one) == os.path.realpath(other)
+        if same or (one.exists() and other.exists() and one.samefile(other)):
+            raise ValueError(f"{first} and {second} must be two files, got {one} for both")
+        above = Path(os.path.realpath(other)).parents
+        if one.is_dir() and any(folder.exists() and folder.samefile(one) for folder in above):
+            raise ValueError(f"{second} must lie outside the folder {one} of {first}, got {other}")
+
+
 def check_output(path: str | Path, name: str) -> Path:
     """Return a path if a file can be written there, as far as that is known before the work.
 
     Raises:
-        ValueError: it is a folder, or its folder is a file or not writable.
+        TypeError: it is no path.
+        ValueError: it is a folder, a pipe or a device, its name is not UTF-8, or its folder is a
+            file or not writable.
     """
-    if not isinstance(path, str | Path):
-        raise TypeError(f"{name} must be a path, got {path!r}")
-    path = Path(path)
-    folder = path.parent
+    path = check_path(path, name)
+    folder = Path(os.path.realpath(path)).parent  # of its target, if it is a link
     try:
         if path.is_dir():
             raise ValueError(f"{name} must be a file, got the folder {path}")
+        if path.exists() and not path.is_file():
+            raise ValueError(f"{name} must be an ordinary file, got {path}")
         while not folder.exists():  # missing folders will be made
             folder = folder.parent
         with tempfile.TemporaryFile(dir=folder):

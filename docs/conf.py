@@ -1,4 +1,4 @@
-"""How Sphinx makes the site; `make docs` calls it through docs/make.py.
+"""How Sphinx makes the site; `make docs` calls it.
 
 The source folder is the root of the checkout, so that a link between a page and a notebook is the
 same file path on the site, in JupyterLab and on a code host.
@@ -20,8 +20,8 @@ from cotlearn.policies import methods, training  # noqa: E402
 sys.modules.setdefault("rfc3987_syntax", None)
 gc.disable()  # pages are trees and hardly any garbage: an eighth of the time, for 0.3 GB
 
-# `methods` imports these for type checkers only, because `training` imports it; autodoc links them
-vars(methods).update(Options=training.Options, Run=training.Run)
+# `methods` imports this for type checkers only, because `training` imports it; autodoc links it
+vars(methods).update(Run=training.Run)
 
 project = "cotlearn"
 author = "The cotlearn authors"
@@ -34,27 +34,28 @@ language = "en"
 root_doc = "docs/index"
 include_patterns = [
     "docs/**.md",
+    "docs/reference/api/modules/*.rst",
     "notebooks/[0-9][0-9]_*.ipynb",
     "notebooks/laboratory/*.ipynb",
     "notebooks/extras/*.ipynb",
     "CHANGELOG.md",
     "CONTRIBUTING.md",
     "data/README.md",
+    "data/results/*.md",
 ]
 exclude_patterns = [".*", "build", "cotlearn", "tests", "**/.ipynb_checkpoints", "docs/extensions"]
 
 extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
     "sphinxcontrib.bibtex",
     "alternative_text",
     "docstrings",
     "links",
-    "modules",
-    "timetable",
-    "wide_figures",
+    "playground",
 ]
 suppress_warnings = ["config.cache"]
 
@@ -73,6 +74,10 @@ mathjax_path = MATHJAX.name
 
 # --- API --------------------------------------------------------------------------------------
 
+templates_path = [str(HERE / "templates")]
+autosummary_ignore_module_all = False  # what a package exports is described where it exports it
+# Our own names must exist; those of other packages are not looked up, for want of a network.
+nitpick_ignore_regex = [(r"py:.*", r"(?!cotlearn).*")]
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"

@@ -1,16 +1,21 @@
+import multiprocessing
 import os
+import shutil
+import signal
 from itertools import islice
 
 import numpy as np
 import pytest
 
 #: Files that take ten seconds or more.
-LONG = "arrays fit gaussian isolation optimal_flow push_t push_t_expert recommendation rollout"
+LONG = "arrays fit gaussian inside optimal_flow push_t push_t_expert recommendation rollout"
 
 
 def pytest_configure(config):
-    """With xdist, files begin in the order below, and not those of most tests first."""
+    """With xdist, files begin in the order below; Ctrl-C works for the tests that send it."""
     config.option.loadscopereorder = False
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # started in a shell's background
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items):
@@ -37,16 +42,25 @@ def pytest_terminal_summary(terminalreporter):
 
 @pytest.fixture(scope="session")
 def warm():
-    """The server of answers, which for tests has imported what commands need, too.
+    """A server that has imported what commands need; processes forked from it start at once."""
+    context = multiprocessing.get_context("forkserver")
+    commands = ["cotlearn.cli", "cotlearn.course.grading", "cotlearn.policies.bench"]
+    others = ["cotlearn.report", "mujoco", "pytest", "torch._dynamo"]  # the last by an optimizer
+    context.set_forkserver_preload(["tests.quick", "tests.forked", *commands, *others])
+    return context
 
-    From it, processes are forked that have nothing left to import. Each worker has one.
-    """
-    from cotlearn.homework import isolation
 
-    commands = ["cotlearn.cli", "cotlearn.policies.comparison.cells", "cotlearn.report", "mujoco"]
-    others = ["nbformat", "pytest", "torch._dynamo"]  # the first optimizer imports the last
-    isolation._PRELOAD += ["tests.quick", *commands, *others]
-    return isolation._context()
+@pytest.fixture(scope="session")
+def browser():
+    """The system's Chromium."""
+    api = pytest.importorskip("playwright.sync_api", reason="needs the package playwright")
+    path = shutil.which("chromium") or shutil.which("google-chrome")
+    if path is None:
+        pytest.skip("no Chromium on this machine: its pages were not tried in a browser")
+    with api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
 
 
 @pytest.fixture
@@ -64,7 +78,7 @@ def two_candidates(monkeypatch):
 def episodes():
     """A few short episodes of an agent that runs through the middle of the T, with noise."""
     from cotlearn.robots.episodes import Episodes
-    from cotlearn.robots.push_t import Simulation, random_state
+    from cotlearn.robots.push_t import PUSH_T, Simulation, random_state
 
     rng = np.random.default_rng(0)
     states, actions, ends, seeds = [], [], [], []
@@ -81,4 +95,4 @@ def episodes():
     noise = rng.normal(0, 5, (len(actions), 2))
     intention = np.clip(np.array(actions) + noise, 0, 512)
     arrays = map(np.array, (states, actions, ends))
-    return Episodes(*arrays, name="a few", intention=intention, seed=np.array(seeds))
+    return Episodes(*arrays, PUSH_T, name="a few", intention=intention, seed=np.array(seeds))

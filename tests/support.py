@@ -1,12 +1,24 @@
 """What many tests need: fixed randomness, batches of a stream, comparisons, refused calls."""
 
+import inspect
+
 import pytest
 import torch
+
+from cotlearn import mixtures
 
 
 def seeded(seed=0):
     """A generator."""
     return torch.Generator().manual_seed(seed)
+
+
+def toys():
+    """All data sets of `cotlearn.mixtures` by name, with their usual options: a new one joins."""
+    functions = inspect.getmembers(mixtures, inspect.isfunction)
+    kind = mixtures.ConditionalGaussianMixture
+    public = {name: f for name, f in functions if not name.startswith("_")}
+    return {name: f() for name, f in public.items() if f.__annotations__.get("return") is kind}
 
 
 def take(coupling, data, count, batch_size=20, **options):

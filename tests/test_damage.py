@@ -2,14 +2,17 @@
 
 Weights, checkpoints and demonstrations carry a sum of their contents, so every byte counts. Results
 (JSON) and submissions are texts without a sum: of them only broken text can be seen. Files of the
-course are damaged in tests/test_assets.py, submissions in tests/homework/test_submissions.py.
+course are damaged in tests/course/test_assets.py, hand-ins in tests/course/test_submissions.py.
 """
+
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import save_file
 
-from cotlearn.results import Folder
+from cotlearn.results import Table
 from cotlearn.robots.episodes.npz import read_arrays, write_arrays
 from cotlearn.robots.push_t.definition import PUSH_T
 from cotlearn.storage import load_tensors, save_tensors
@@ -60,9 +63,13 @@ def test_no_byte_can_change_what_is_read(tmp_path, write, read):
     assert refused > 200
 
 
-@pytest.mark.parametrize("content", [b'{"protocol"; {}}', b"{}", b'{"protocol": {}', b"\xff"])
-def test_a_broken_cell_of_a_benchmark(tmp_path, content):
-    path = tmp_path / "independent-0.json"
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"independent-0\.json is damaged: delete it"):
-        Folder(tmp_path, {}).holds("independent-0")
+def test_json_that_is_too_deep(tmp_path):
+    deep = "[" * 100_000
+    save_file({"w": torch.zeros(1)}, tmp_path / "deep.safetensors", metadata={"cotlearn": deep})
+    np.savez(tmp_path / "deep.npz", about=np.array(deep))
+    (tmp_path / "deep.csv").write_text(f"# protocol: {deep}\n")
+    table = partial(Table, question="", command="", protocol={})
+    readers = {"safetensors": load_tensors, "npz": read_arrays, "csv": table}
+    for kind, read in readers.items():
+        with pytest.raises(ValueError, match=rf"deep\.{kind} is damaged"):
+            read(tmp_path / f"deep.{kind}")

@@ -10,21 +10,22 @@ from torch.utils.data import TensorDataset
 
 from cotlearn import couplings, datasets, diagnostics, flows, metrics, mixtures, potentials
 from cotlearn.couplings import ConditionalOT, MinibatchOT, SemidiscreteOT, StratifiedOT
+from cotlearn.course.kernel import Limits
 from cotlearn.datasets import Dataset
 from cotlearn.gaussian import LinearGaussian
-from cotlearn.homework.isolation import Limits
 from cotlearn.mixtures import petals
+from cotlearn.policies.options import Options
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import rollout
 from cotlearn.policies.samplers import DDIMSampler, DDPMSampler, FlowSampler
-from cotlearn.policies.training import Options, train
+from cotlearn.policies.training import train
 from cotlearn.policies.windows import Windows
 from cotlearn.report import examine, from_arrays
 from cotlearn.robots.arm import ArmVectorSim, solve
 from cotlearn.robots.arm.environment import Arm
 from cotlearn.robots.arm.kinematics import forward
 from cotlearn.robots.episodes import Episodes, split
-from cotlearn.robots.push_t import PushTVectorSim
+from cotlearn.robots.push_t import PUSH_T, PushTVectorSim
 from cotlearn.robots.push_t.environment import PushT
 from cotlearn.robots.push_t.geometry import corners, coverage
 from cotlearn.robots.push_t.rasteriser import rasterise
@@ -35,7 +36,7 @@ DATA, NET = Dataset(X, C), flows.VelocityMLP(2, 4, width=8, depth=1, seed=0)
 NUMPY = np.random.default_rng(0)
 NAN = torch.full((200, 2), math.nan)
 SCENES = np.tile([200.0, 200.0, 256.0, 256.0, 0.5], (3, 1))
-EPISODES = Episodes(SCENES, SCENES[:, :2], np.array([1, 3]))
+EPISODES = Episodes(SCENES, SCENES[:, :2], np.array([1, 3]), PUSH_T)
 WINDOWS = Windows(
     task=find_task("push-t"),
     frame="body",
@@ -44,7 +45,6 @@ WINDOWS = Windows(
 )
 RESIDUAL = flows.networks.ResidualMLP(WINDOWS.dim, WINDOWS.condition_dim, width=8, blocks=1)
 POLICY = ChunkPolicy(RESIDUAL, WINDOWS, FlowSampler(1))
-MASKED = np.ma.masked_equal([1.0, 2.0, -9999.0], -9999.0)
 
 
 def split_seeds(seeds):
@@ -58,8 +58,7 @@ def fit(**options):
 CALLS = {
     # silently wrong before
     "values": [
-        lambda: metrics.bootstrap_interval(MASKED),
-        lambda: metrics.bootstrap_interval(np.array([1, 2], "M8[s]")),
+        lambda: metrics.bootstrap_interval([1.0, math.nan]),
         lambda: metrics.bootstrap_interval([1j, 2]),
     ],
     "iterations": [lambda: SemidiscreteOT(iterations=-1)],
@@ -118,7 +117,7 @@ CALLS = {
     "ema": [lambda: Options(ema=2)],
     "episodes": [lambda: train("independent", X), lambda: split(5, held_out=1)],
     "index": [lambda i=i: EPISODES.select(i) for i in ([9], [0.5], "a")],
-    "task": [lambda: Episodes(SCENES, SCENES[:, :2], np.array([3]), task="push-t")],
+    "task": [lambda: Episodes(SCENES, SCENES[:, :2], np.array([3]), "push-t")],
     "seconds": [lambda s=s: Limits(seconds=s) for s in ("60", 0, math.inf)],
     "data": [
         lambda: datasets.unconditional(5),
@@ -126,10 +125,10 @@ CALLS = {
         lambda: metrics.conditional_squared_w2(flows.sampler(NET, nfe=1), X),
     ],
     "resamples": [lambda: metrics.bootstrap_interval([1, 2], resamples=-1)],
-    "group": [lambda: from_arrays(X, C, group=np.ma.masked_equal(np.arange(200), 3))],
+    "group": [lambda: from_arrays(X, C, group=np.arange(199))],
     "seed": [
         call
-        for seed in (1.5, "3", -1, 10**400, torch.tensor(1))
+        for seed in (1.5, "3", -1, torch.tensor(1))
         for call in (
             lambda s=seed: metrics.bootstrap_interval([1, 2], seed=s),
             lambda s=seed: metrics.paired_bootstrap([[1, 2]], [[1, 3]], seed=s),
@@ -167,10 +166,10 @@ CALLS = {
         lambda: potentials.KnownMap.gaussian(2).sample(3, generator=NUMPY),
         lambda: potentials.ConditionalGaussian().sample_given(X[:, :1], generator=NUMPY),
     ],
-    "x1": [lambda: Dataset(X.clone().requires_grad_(), C), lambda: Dataset(X.to("meta"))],
+    "x1": [lambda: Dataset(X.clone().requires_grad_(), C)],
     "plan": [lambda: MinibatchOT(plan=np.array(["exact", "sinkhorn"]))],
     "batch_size": [
-        *(lambda b=b: fit(batch_size=b) for b in (torch.tensor(8), 10**400)),
+        lambda: fit(batch_size=torch.tensor(8)),
         *(lambda b=b: Options(batch_size=b) for b in (0, 2.5)),
     ],
     "checkpoint": [lambda p=p: fit(checkpoint=p) for p in (".", "/dev/null/a.safetensors", 5)],
@@ -217,7 +216,10 @@ def test_a_tensor_dataset_is_not_called_endless(coupling):
 def test_stratified_ot_says_that_a_batch_has_its_own_strata(recwarn):
     coupling = StratifiedOT()
     next(coupling.stream(DATA, batch_size=8))
-    coupling(X, X, C)
     assert not recwarn
-    with pytest.warns(UserWarning, match=r"called with 200 rows.*stream\(Dataset\(x1, c\)"):
-        StratifiedOT()(X, X, C)
+    for k in (coupling, StratifiedOT()):  # after a stream, too: a call has none of its clusters
+        with pytest.warns(UserWarning, match=r"called with 200 rows.*stream\(Dataset\(x1, c\)"):
+            k(X, X, C)
+        recwarn.clear()
+        k(X, X, C)
+        assert not recwarn

@@ -32,6 +32,25 @@ def test_permissions_are_those_of_the_old_file_or_of_any_new_one(path, tmp_path)
     assert path.stat().st_mode & 0o777 == 0o640
 
 
+@pytest.mark.skipif(os.name == "nt", reason="links of Unix")
+def test_a_link_stays_and_its_target_is_replaced(path, tmp_path):
+    path.write_text("old")
+    (link := tmp_path / "link").symlink_to(path)
+    (ahead := tmp_path / "ahead").symlink_to(tmp_path / "not yet")
+    write_text(link, "new")
+    write_text(ahead, "first")
+    assert (link.is_symlink(), path.read_text()) == (True, "new")
+    assert (ahead.is_symlink(), (tmp_path / "not yet").read_text()) == (True, "first")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes of Unix")
+def test_a_pipe_is_not_replaced(path):
+    os.mkfifo(path)
+    with pytest.raises(OSError, match="it is no ordinary file"):
+        write_text(path, "new")
+    assert path.is_fifo()
+
+
 def test_an_error_in_the_middle_keeps_the_old_file(path):
     path.write_text("old")
 

@@ -1,28 +1,22 @@
 """The mixtures against their own definition: grids, Monte Carlo, the continuity equation."""
 
+import copy
 import math
-from functools import cache
+import pickle
+from functools import cache, partial
 
 import numpy as np
 import pytest
 import torch
 from scipy.stats import ks_2samp
-from support import refused, seeded
+from support import refused, seeded, toys
 from torch.distributions import Categorical, Independent, MixtureSameFamily, Normal
 
 from cotlearn import mixtures
 from cotlearn.flows import integrate
 from cotlearn.metrics import squared_w2
 
-WITH_DENSITY = [
-    mixtures.petals(),
-    mixtures.petals(n_conditions=3),
-    mixtures.moving_modes(),
-    mixtures.rotating_pair(),
-    mixtures.eight_gaussians(),
-    mixtures.moons(),
-    mixtures.fork(),
-]
+WITH_DENSITY = [*toys().values(), mixtures.petals(n_conditions=3)]
 ALL = [*WITH_DENSITY, mixtures.moons(condition="x")]
 every = pytest.mark.parametrize("data", ALL, ids=lambda d: f"{d.name}{d.condition_dim}")
 with_density = pytest.mark.parametrize(
@@ -284,3 +278,19 @@ test_bad_input = refused(
     (lambda: mixtures.petals(n_conditions=0), ValueError, "n_conditions must be at least 1"),
     (lambda: mixtures.moons("y"), ValueError, "condition must be one of class, x; got 'y'"),
 )
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        *(mixtures.petals, mixtures.moving_modes, mixtures.rotating_pair, mixtures.fork),
+        *(mixtures.eight_gaussians, partial(mixtures.petals, 3)),
+        *(partial(mixtures.moons, "x"), partial(mixtures.moons, torchdyn=True)),
+    ],
+)
+def test_a_mixture_can_be_sent_to_another_process(make):
+    data = make()
+    for again in (pickle.loads(pickle.dumps(data)), copy.deepcopy(data)):
+        assert type(again) is type(data)
+        for a, b in zip(*(one.sample(9, generator=seeded()) for one in (data, again)), strict=True):
+            assert torch.equal(a, b)

@@ -1,10 +1,8 @@
-import json
-import os
-import time
+import math
 
 import pytest
 
-from cotlearn.results import Folder, Table, machine
+from cotlearn.results import Table, machine
 
 
 def fill(store, keys, made, **options):
@@ -14,70 +12,101 @@ def fill(store, keys, made, **options):
 
 @pytest.fixture
 def table(tmp_path):
-    def opened(protocol):
+    def opened(protocol=None, axis=""):
         words = {"question": "How many?", "command": "python count.py"}
-        return Table(tmp_path / "table.json", protocol=protocol, **words)
+        path = tmp_path / "table.csv"
+        return Table(path, protocol=protocol or {"sizes": (1, 2)}, axis=axis, **words)
 
     return opened
 
 
-def test_a_table_goes_on_where_it_was(table, tmp_path, capsys):
+def test_a_table_goes_on_where_it_was(table, capsys):
     made = []
-    fill(table({"sizes": (1, 2)}), [{"n": 1}], made)
-    fill(table({"sizes": (1, 2)}), [{"n": 1}, {"n": 2}], made)
+    fill(table(), [{"n": 1}], made)
+    fill(table(), [{"n": 1}, {"n": 2}], made)
     assert made == [{"n": 1}, {"n": 2}]
     assert "2 cells, 1 done already" in capsys.readouterr().out
-    text = (tmp_path / "table.json").read_text()
-    stored = json.loads(text)
-    assert [cell["key"] for cell in stored["cells"]] == made
-    assert [cell["value"] for cell in stored["cells"]] == [1, 2]
-    assert {"question", "command", "versions", "machine", "seconds", "cpu_seconds"} <= set(stored)
-    assert '"sizes": [ 1, 2 ]' in text  # innermost lists on one line
+    frame = table().frame()
+    assert list(frame.columns) == ["n", "value", "seconds", "cpu_seconds"]
+    assert frame["n"].tolist() == frame["value"].tolist() == [1, 2]
+    assert frame.attrs["protocol"] == {"sizes": [1, 2]}
+    assert {"question", "command", "versions", "machine", "cpu_seconds"} <= set(frame.attrs)
     with pytest.raises(ValueError, match="was made with another protocol: give another file"):
         table({"sizes": (1, 3)})
-    (tmp_path / "table.json").write_text(text[:-5])
-    with pytest.raises(ValueError, match=r"table\.json is damaged: delete it to make it again"):
-        table({"sizes": (1, 2)})
 
 
-def test_two_runs_share_a_folder(tmp_path):
-    made, said = [], []
-    first = Folder(tmp_path, {"steps": 3, "seed": 0})
-    fill(first, ["a"], made, say=said.append)
-    fill(first, ["a", "b"], made, say=said.append)
-    assert made == ["a", "b"]
-    assert json.loads((tmp_path / "b.json").read_text())["value"] == 2
-    with pytest.raises(ValueError, match=r"a\.json was made with another protocol \(steps\)"):
-        Folder(tmp_path, {"steps": 4, "seed": 0}).holds("a")
-    old = Folder(tmp_path, {"length": 3}, read=lambda stored: {"length": stored["steps"]})
-    assert old.holds("a")
-    assert not old.holds("c")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("executor", ["dask", "ray"])
-def test_workers_compute_what_is_missing(tmp_path, executor):
-    pytest.importorskip({"dask": "distributed"}.get(executor, executor))
-    said, store = [], Folder(tmp_path, {"steps": 3})
-    store.keep("2", {"value": 0})
-
+def test_a_killed_run_loses_one_cell(table):
     def compute(key):
-        time.sleep(0.2 * int(key))
-        return {"value": int(key) ** 2, "process": os.getpid()}
+        if key["n"] == 3:
+            raise KeyboardInterrupt
+        return {"value": key["n"]}
 
-    store.fill(["4", "2", "1"], compute, executor=executor, say=said.append)
-    stored = {path.stem: json.loads(path.read_text()) for path in tmp_path.iterdir()}
-    assert {key: cell["value"] for key, cell in stored.items()} == {"1": 1, "2": 0, "4": 16}
-    assert stored["1"]["process"] != os.getpid()
-    assert said[0] == "3 cells, 1 done already"
-    assert [line.split()[1] for line in said[1:]] == ["1:", "4:"]  # as they are ready
-    with pytest.raises(ZeroDivisionError):
-        store.fill(["0"], lambda key: {"value": 1 / int(key)}, executor=executor)
+    with pytest.raises(KeyboardInterrupt):
+        table().fill([{"n": n} for n in range(5)], compute)
+    assert table().frame()["n"].tolist() == [0, 1, 2]
+    assert table().holds({"n": 2})
+    assert not table().holds({"n": 3})
 
 
-def test_an_unknown_executor(tmp_path):
-    with pytest.raises(ValueError, match="executor must be one of local, dask, ray; got 'slurm'"):
-        Folder(tmp_path, {}).fill(["a"], dict, executor="slurm")
+def test_nested_values_become_columns_and_rows(table):
+    values = {
+        "error": {1: 0.1 + 0.2, 16: 1e-5},
+        "skew": {"mean": 2, "flagged": True},
+        "why": None,
+    }
+    table(axis="nfe").fill([{"way": "flow, short"}], lambda key: values)
+    first, second = table(axis="nfe").frame().to_dict("records")
+    assert list(first)[:6] == ["way", "nfe", "error", "skew_mean", "skew_flagged", "why"]
+    assert (first["way"], first["nfe"], second["nfe"]) == ("flow, short", 1, 16)
+    assert (first["error"], second["error"]) == (0.1 + 0.2, 1e-5)  # to the last digit
+    assert second["skew_flagged"] is True
+    assert math.isnan(first["why"])
+
+
+def test_two_axes_and_floors_without_them(table):
+    def compute(key):
+        if key["way"] == "floor":
+            return {"error": {0: 0.5}}
+        return {"error": {0: {1: 1.0, 2: 2.0}, 1: {1: 3.0, 2: 4.0}}}
+
+    opened = table(axis="label nfe")
+    opened.fill([{"way": "floor"}, {"way": "flow"}], compute)
+    frame = opened.frame()
+    assert frame["label"].tolist() == [0, 0, 0, 1, 1]
+    assert frame["nfe"].fillna(0).tolist() == [0, 1, 2, 1, 2]
+    assert frame["error"].tolist() == [0.5, 1, 2, 3, 4]
+
+
+def test_a_cell_may_have_several_rows(table):
+    rows = [{"loss": "flow", "cost": 1.0}, {"loss": "drifting", "cost": 4.0}]
+    table().fill([{"network": "arm"}], lambda key: rows)
+    frame = table().frame()
+    assert frame["network"].tolist() == ["arm", "arm"]
+    assert frame["loss"].tolist() == ["flow", "drifting"]
+    assert frame.attrs["cpu_seconds"] == frame["cpu_seconds"][0]  # a cell counts once
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (math.nan, "value must be finite; got nan"),
+        ([1, 2], r"value must be a number, a word or a truth value; got \[1, 2\]"),
+        ("# 1", "value must not contain #"),
+    ],
+)
+def test_what_cannot_be_stored_is_refused(table, tmp_path, value, message):
+    with pytest.raises(ValueError, match=message):
+        table().fill([{"n": 1}], lambda key: {"value": value})
+    assert not (tmp_path / "table.csv").exists()
+
+
+@pytest.mark.parametrize("damage", [lambda text: text[:-5], lambda text: text.split("\n", 3)[3]])
+def test_a_damaged_table_is_named(table, tmp_path, damage):
+    fill(table(), [{"n": 1}], [])
+    file = tmp_path / "table.csv"
+    file.write_text(damage(file.read_text()))
+    with pytest.raises(ValueError, match=r"table\.csv is damaged: delete it to make it again"):
+        table()
 
 
 def test_versions_are_those_of_what_was_used():

@@ -1,9 +1,11 @@
 import math
+import os
 
 import numpy as np
 import pytest
 import torch
 
+from cotlearn import validation
 from cotlearn.validation import (
     check_array,
     check_choice,
@@ -11,11 +13,13 @@ from cotlearn.validation import (
     check_count,
     check_function,
     check_generator,
+    check_input,
     check_matrix,
     check_number,
     check_output,
     check_positive,
     check_same_rows,
+    check_separate,
     check_share,
     check_times,
 )
@@ -80,24 +84,18 @@ def test_counts():
     for bad in (0, -1):
         with pytest.raises(ValueError, match=f"n must be at least 1, got {bad}"):
             check_count(bad, "n")
-    for bad in (10**400, 10**5000):
-        with pytest.raises(ValueError, match=r"n must be below 2\*\*63, got a number of \d+ bits"):
-            check_count(bad, "n")
 
 
 def test_numbers():
     assert check_number(np.float32(0.5), "w") == 0.5
     assert check_number(torch.tensor(2), "w") == 2.0
     assert check_number(math.inf, "w", infinite=True) == math.inf
-    time = np.datetime64(5, "ns")  # whose item() is 5
-    for bad in (True, "1", None, torch.zeros(2), np.zeros(2), 1j, time, time - time, np.ma.masked):
+    for bad in (True, "1", None, torch.zeros(2), np.zeros(2), 1j):
         with pytest.raises(TypeError, match="w must be a number"):
             check_number(bad, "w")
     for bad in (-1, math.nan, math.inf, -math.inf):
         with pytest.raises(ValueError, match="w must be at least 0 and finite"):
             check_number(bad, "w")
-    with pytest.raises(ValueError, match="w is too large: a number of 1329 bits"):
-        check_number(10**400, "w")
     with pytest.raises(ValueError, match="infinity is allowed"):
         check_number(math.nan, "w", infinite=True)
 
@@ -119,8 +117,6 @@ def test_positive_numbers():
         (np.ones((0, 2)), ValueError, r"A must have shape \(any, 2\), got \(0, 2\)"),
         ([[1, math.nan]], ValueError, "A has NaN or infinite values"),
         (np.ma.masked_equal([[1, -9999]], -9999), ValueError, "A has masked values: drop"),
-        ([np.ma.masked_equal([1, -9999], -9999)], ValueError, "A has masked values: drop"),
-        (np.ones((1, 2), "M8[s]"), TypeError, r"A must hold real numbers, got datetime64\[s\]"),
         (torch.ones(1, 2, requires_grad=True), TypeError, r"A must be data, .* A.detach\(\)"),
         ([[1, 2], [3]], TypeError, r"A must hold real numbers, got \[\[1, 2\], \[3\]\]"),
     ],
@@ -184,3 +180,66 @@ def test_a_file_can_be_written_or_not_before_the_work(tmp_path):
     ):
         with pytest.raises(ValueError, match=why):
             check_output(bad, "out")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names and files of Unix")
+def test_names_that_are_no_files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("", ".", "/", ".."):
+        with pytest.raises(ValueError, match="out must be a file, got the folder"):
+            check_output(name, "out")
+    os.mkfifo("pipe")
+    for name in ("pipe", "/dev/null"):
+        with pytest.raises(ValueError, match=f"out must be an ordinary file, got {name}"):
+            check_output(name, "out")
+    with pytest.raises(FileNotFoundError, match="no such file: pipe"):
+        check_input("pipe")
+    strange = os.fsdecode(b"caf\xe9.npz")
+    for check in (check_input, lambda path: check_output(path, "path")):
+        with pytest.raises(ValueError, match=r"path must have a name in UTF-8, got b'caf"):
+            check(strange)
+    assert check_output("new/caf\xe9.npz", "out").name == "café.npz"
+
+
+def test_two_paths_of_one_file_are_refused(tmp_path):
+    (one := tmp_path / "a.npz").touch()
+    (link := tmp_path / "link").symlink_to(one)
+    (twin := tmp_path / "twin").hardlink_to(one)
+    check_separate(data=one, out=tmp_path / "b.html", model=None)
+    for other in (one, link, twin, tmp_path / "no" / ".." / "a.npz"):
+        with pytest.raises(ValueError, match=r"data and out must be two files, got .*a\.npz"):
+            check_separate(data=one, out=other)
+    new = tmp_path / "new"
+    with pytest.raises(ValueError, match="out and model must be two files"):
+        check_separate(data=one, out=new, model=tmp_path / "." / "new")
+
+
+def test_a_path_in_a_folder_of_data_is_refused(tmp_path):
+    (data := tmp_path / "demos.zarr").mkdir()
+    (link := tmp_path / "link").symlink_to(data, target_is_directory=True)
+    check_separate(data=data, out=tmp_path / "demos.html", model=tmp_path / "demos.zarr.st")
+    for given in (data, link):
+        for out in (data / "a.html", link / "new" / "a.html", tmp_path / "no" / ".." / link / "a"):
+            with pytest.raises(ValueError, match=f"out must lie outside the folder {given} of dat"):
+                check_separate(data=given, out=out)
+    check_separate(out=data / "a.html", data=data)  # a folder may be written to
+
+
+@pytest.mark.parametrize("dtype", [torch.int32, torch.int64])
+def test_integers_that_floats_would_merge_are_refused(dtype):
+    """Of 256 times in seconds 3 were left."""
+    times = (1_700_000_000 + torch.arange(256, dtype=dtype))[:, None]
+    with pytest.raises(ValueError, match=r"c has integers up to 17000\d+, .* merge some"):
+        validation.check_condition(times)
+    assert validation.check_condition(times - times[0]).unique().numel() == 256
+    assert validation.check_condition(times.double()).unique().numel() == 256
+
+
+def test_numbers_that_float32_would_merge_are_refused():
+    minutes = 1.7e9 + 60 * np.arange(400.0)[:, None]
+    with pytest.raises(ValueError, match=r"c has values .* column 1, .* would merge"):
+        validation.check_single(np.hstack([minutes - 1.7e9, minutes]), "c")
+    with pytest.raises(ValueError, match="x1 has values up to 1e"):
+        validation.check_single(np.random.default_rng(0).normal(1e9, 1, size=(50, 1)), "x1")
+    for kept in (minutes - minutes.mean(), np.full((9, 1), 1.7e9), np.full((9, 1), 0.1) * 3):
+        assert len(np.unique(validation.check_single(kept, "c"))) == len(np.unique(kept))

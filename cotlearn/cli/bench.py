@@ -1,4 +1,4 @@
-"""`cotlearn bench`: runs the comparisons behind the course's stored tables."""
+"""`cotlearn bench`: trains and rolls out policies, and adds their rows to the stored tables."""
 
 import functools
 from pathlib import Path
@@ -6,60 +6,59 @@ from typing import Annotated, Any
 
 import typer
 
-from cotlearn import assets
 from cotlearn.cli import policies
 from cotlearn.cli.terminal import console, reported
+from cotlearn.course import assets
+from cotlearn.interrupt import loading
+
+NO_COLUMN = ("batch_size", "label")  #: options that the study notes
 
 
 @policies.with_options
 def bench(
     name: policies.Name,
     options: dict[str, Any],
-    methods: Annotated[str | None, typer.Option(help="Names with commas; default: all.")] = None,
+    methods: Annotated[list[str] | None, typer.Argument(help="Default: the course's.")] = None,
     seeds: Annotated[str, typer.Option(help="Numbers, separated by commas.")] = "0,1,2",
     episodes: Annotated[int, typer.Option(min=2, help="Paired rollouts of each policy.")] = 200,
     train_episodes: Annotated[int | None, typer.Option(min=1, help="Most to train on.")] = None,
-    held_out: Annotated[int | None, typer.Option(min=1, help="Kept for the energy score.")] = None,
     data: policies.Data = None,
-    folder: Annotated[Path | None, typer.Option(help="Folder of the cells.")] = None,
+    tables: Annotated[Path | None, typer.Option(help="Folder of the two tables.")] = None,
     weights: Annotated[Path | None, typer.Option(help="Folder of the policies.")] = None,
-    summary: Annotated[Path | None, typer.Option(help="Summary of all cells, a file.")] = None,
     executor: Annotated[str, typer.Option(help="Of the cells: local, dask or ray.")] = "local",
-    latency: Annotated[bool, typer.Option("--latency", help="Only remeasure it.")] = False,
 ) -> None:
-    """Compares policies for a task: trains and rolls out all cells that are missing.
+    """Trains and rolls out policies for a task, and adds rows to the tables of results.
 
-    Finished cells are skipped and an interrupted training resumes. So a comparison can be completed
-    in several runs, one after the other, or in parallel on different methods or seeds.
+    With the course's options rows go into episodes.csv.gz and study.csv, with others into study.csv
+    only. Cells that are there are skipped and an interrupted training resumes; runs can work side
+    by side on other methods or seeds.
     """
-    short, root = name.replace("-", "_"), assets.checkout()
-    places = ("benchmarks/results", "data/results") if root else ("results", "results")
-    cells, table = ((root or Path()) / place / short for place in places)
-    summary = summary or (folder or table).with_suffix(".json")
-    folder, weights = folder or cells, weights or Path("build") / short
-    say = functools.partial(console.print, markup=False)
+    root = assets.checkout()
+    tables = tables or (root / "data" / "results" if root else Path("results"))
+    weights = weights or Path("build") / "bench" / "_".join([name, *map(str, options.values())])
     with reported():
-        from cotlearn.policies.comparison import cells as comparison
-        from cotlearn.policies.comparison.cells import Protocol
-        from cotlearn.policies.comparison.summary import summarise
-        from cotlearn.validation import check_output
+        with loading():
+            from cotlearn.policies.bench import EPISODES
+            from cotlearn.policies.bench import bench as run
+            from cotlearn.validation import check_output, check_separate
 
-        for path in (summary, folder / "cell", weights / "cell"):
-            check_output(path, "summary, folder or weights")
+        for folder in (tables, weights):
+            check_output(folder / "file", "tables or weights")
+        check_separate(data=data, tables=tables / "study.csv")
+        check_separate(data=data, weights=weights / "file")
         setting, demonstrations = policies.setting(name, options, data)
-        if latency:
-            comparison.measure_latency(folder, weights=weights, say=say)
-        else:
-            sizes = train_episodes, held_out or setting.held_out, episodes
-            comparison.bench(
-                demonstrations,
-                folder=folder,
-                methods=[m.strip() for m in methods.split(",")] if methods else setting.methods,
-                seeds=policies.numbers(seeds, "seeds"),
-                protocol=Protocol(setting.options, *sizes, temperatures=setting.temperatures),
-                weights=weights,
-                executor=executor,
-                say=say,
-            )
-        summarise(folder, summary, command=f"cotlearn bench {name}")
-    say(f"summary: {summary}")
+        run(
+            setting,
+            demonstrations,
+            methods=methods or setting.methods,
+            seeds=policies.numbers(seeds, "seeds"),
+            weights=weights,
+            episodes_table=tables / "episodes.csv.gz",
+            study_table=tables / "study.csv",
+            course=not options and train_episodes is None and episodes == EPISODES,
+            episodes=episodes,
+            train_episodes=train_episodes,
+            note=", ".join(f"{name} {options[name]}" for name in NO_COLUMN if name in options),
+            executor=executor,
+            say=functools.partial(console.print, markup=False),
+        )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -15,13 +17,15 @@ from rich.syntax import Syntax
 from rich.table import Table
 from rich.text import Text
 
-from cotlearn import assets
 from cotlearn.cli.terminal import console, reported, stop_missing
+from cotlearn.course import assets
+from cotlearn.interrupt import raise_again
 
 if TYPE_CHECKING:
-    from cotlearn.execution import Run
+    from cotlearn.course.execution import Run
 
 FIRST_NOTEBOOK = "00_start_here.ipynb"
+SECONDS_TO_END = 2  #: that JupyterLab has to end its kernels after Ctrl-C
 
 app = typer.Typer()
 
@@ -43,20 +47,40 @@ def lab(
             copied, kept = assets.copy_notebooks(root)
         console.print(f"{len(copied)} notebooks copied to {escape(str(root))}, {len(kept)} kept")
     options = [f"--ServerApp.root_dir={root}", f"--LabApp.default_url=/lab/tree/{first}"]
+    options.append("--ServerApp.answer_yes=True")  # Ctrl-C ends it without a question
     if not _has_display():
         options.append("--no-browser")
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         options.append("--allow-root")
-    # This Python's own kernel comes before any other; one core, see `cotlearn.execution.execute`.
+    # This Python's own kernel comes before any other; one core, as in `cotlearn run`.
     kernels = [str(Path(sys.prefix) / "share" / "jupyter"), os.environ.get("JUPYTER_PATH", "")]
     environment = {"OMP_NUM_THREADS": "1", **os.environ, "JUPYTER_PREFER_ENV_PATH": "1"}
     environment["JUPYTER_PATH"] = os.pathsep.join(filter(None, kernels))
+    command = [sys.executable, "-m", "jupyterlab", *options, *context.args]
+    raise typer.Exit(_serve(command, environment))
+
+
+def _serve(command: list[str], environment: dict[str, str]) -> int:
+    """Runs a server until it ends, and returns its exit code; 130 if Ctrl-C ended it.
+
+    The server ignores Ctrl-C until it has loaded and handles it: an exception in its imports would
+    be a traceback. It is this process that ends it.
+    """
+    raise_again()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        command = [sys.executable, "-m", "jupyterlab", *options, *context.args]
-        code = subprocess.call(command, env=environment)
+        server = subprocess.Popen(command, env=environment)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    try:
+        return server.wait()
     except KeyboardInterrupt:
-        code = 0
-    raise typer.Exit(code)
+        server.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired, KeyboardInterrupt):
+            server.wait(SECONDS_TO_END)
+        server.kill()  # does nothing if it has ended; its kernels notice and end themselves
+        console.print("stopped")
+        return 130
 
 
 def _has_display() -> bool:
@@ -74,7 +98,7 @@ def run(
 ) -> None:
     """Executes notebooks without a browser and reports how long each took."""
     with reported():
-        from cotlearn import execution
+        from cotlearn.course import execution
         from cotlearn.validation import check_output
 
         paths = [assets.find_notebook(name) for name in notebook or []]
@@ -119,7 +143,7 @@ def _report(done: Run) -> None:
 @app.command()
 def doctor() -> None:
     """Checks this machine; for each missing part it prints the command that fixes it."""
-    from cotlearn import doctor as examination
+    from cotlearn.course import doctor as examination
 
     findings = examination.examine()
     table = Table(box=None, pad_edge=False, show_header=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,18 +10,18 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from cotlearn import assets
 from cotlearn.cli.terminal import console, reported
+from cotlearn.course import assets
 
 if TYPE_CHECKING:
-    from cotlearn.homework.grading import Row
-    from cotlearn.homework.isolation import Limits
-    from cotlearn.homework.marking import Mark
+    from cotlearn.course.grading import Row
+    from cotlearn.course.kernel import Limits
+    from cotlearn.course.marking import Marked
 
 app = typer.Typer()
 
-_Seconds = Annotated[float, typer.Option(min=1, help="Computing time per question, in s.")]
-_Gigabytes = Annotated[float, typer.Option(min=0.1, help="GB per question (only on Linux).")]
+_Seconds = Annotated[float, typer.Option(min=1, help="Time for a cell or a test, in s.")]
+_Gigabytes = Annotated[float, typer.Option(min=0.1, help="GB per notebook (only on Linux).")]
 _Masters = Annotated[Path | None, typer.Option(help="Folder of masters; default: the course's.")]
 _SIGNS = {"correct": "[green]✓[/]", "not yet": "[red]✗[/]", "not attempted yet": "·"}
 
@@ -31,42 +32,46 @@ def check(
     seconds: _Seconds = 60,
     gigabytes: _Gigabytes = 4,
 ) -> None:
-    """Checks the answers in notebooks, each in its own process.
+    """Checks the answers in notebooks, each in a fresh kernel.
 
-    The notebooks are not changed. An endless loop, an exit or a flood of prints costs only its own
-    question.
+    The notebooks are not changed. An endless loop or an exit costs only its own question.
     """
     wrong = 0
     with reported(RuntimeError):
-        from cotlearn.homework import progress
-        from cotlearn.homework.marking import mark
-        from cotlearn.homework.registry import printable
+        from cotlearn.course import progress
+        from cotlearn.course.kernel import in_parallel
+        from cotlearn.course.marking import mark
 
         limits = _limits(seconds, gigabytes)
         for name in notebook:
             path = Path(name) if Path(name).exists() else assets.find_notebook(name)
-            console.print(f"[bold]{escape(printable(path.name))}[/]")
-            marked = mark(path, limits=limits, each=_print)
-            if marked.note:
-                console.print(f"note: {escape(marked.note)}")
-            done = sum(item.correct for item in marked.marks)
-            console.print(f"{done} of {len(marked.marks)} correct")
-            wrong += len(marked.marks) - done
-            progress.remember({item.question: item.verdict for item in marked.marks})
+            found: list[Marked] = []
+            in_parallel(partial(mark, limits=limits), [path], workers=1, then=found.append)
+            _print(path, found[0])
+            wrong += sum(not item.correct for item in found[0].marks)
+            progress.remember({item.question: item.verdict for item in found[0].marks})
     raise typer.Exit(1 if wrong else 0)
 
 
-def _print(mark: Mark) -> None:
-    text = "" if mark.verdict == "correct" else f": {mark.sentence}"
-    console.print(f"{_SIGNS[mark.verdict]} {mark.question}{escape(text)}")
+def _print(path: Path, found: Marked) -> None:
+    from cotlearn.course.checking import printable
+
+    console.print(f"[bold]{escape(printable(path.name))}[/]")
+    if found.note:
+        console.print(f"note: {escape(found.note)}")
+    for mark in found.marks:
+        text = "" if mark.verdict == "correct" else f": {mark.sentence}"
+        console.print(f"{_SIGNS[mark.verdict]} {mark.question}{escape(text)}")
+    done = sum(item.correct for item in found.marks)
+    console.print(f"{done} of {len(found.marks)} correct")
 
 
 @app.command("progress")
 def show_progress() -> None:
     """Shows which exercises are done and which is next, from one file on this machine."""
     with reported():
-        from cotlearn.homework import progress
-        from cotlearn.homework.assignments import find, masters
+        from cotlearn.course import progress
+        from cotlearn.course.assignments import find, masters
 
         names = [path.name[:2] for path in assets.notebooks()] + [path.stem for path in masters()]
         found = [find(name) for name in names]
@@ -95,16 +100,16 @@ def grade(
     seconds: _Seconds = 60,
     gigabytes: _Gigabytes = 4,
 ) -> None:
-    """Grades a folder of notebooks with the hidden tests, and writes feedback for each student.
+    """Grades a folder of notebooks with the hidden tests, and writes a page for each student.
 
     Run it again after an interruption: finished results are kept. The limits guard against
-    accidents and are not a security sandbox; docs/teaching/grading.md shows how to grade a class
-    that you do not trust.
+    accidents and are no sandbox; docs/teaching/grading.md shows how to grade a class that you do
+    not trust.
     """
     with reported():
-        from cotlearn.homework import grading
+        from cotlearn.course import grading
 
-        if out.with_suffix("").resolve() == folder.resolve():
+        if out.name and out.with_suffix("").resolve() == folder.resolve():
             raise ValueError(f"out must have another name than the folder {folder}, got {out}")
         limits = _limits(seconds, gigabytes)
         rows = grading.grade(
@@ -113,7 +118,7 @@ def grade(
     unread = [row for row in rows if not row.marked.marks]
     known = sum(row.kept for row in rows)
     console.print(f"{len(rows)} files: {known} known from before, {len(unread)} not gradable")
-    console.print(f"table: {escape(str(out))}; feedback: {escape(str(out.with_suffix('')))}")
+    console.print(f"table: {escape(str(out))}; pages: {escape(str(out.with_suffix('')))}")
 
 
 def _print_row(row: Row, done: int, total: int) -> None:
@@ -134,7 +139,7 @@ def homework(
 ) -> None:
     """Makes student and autograder versions of the homework with otter-grader, and tests them."""
     with reported():
-        from cotlearn.homework import release
+        from cotlearn.course import release
         from cotlearn.validation import check_output
 
         check_output(out / "masters", "out")
@@ -149,11 +154,8 @@ def homework(
 
 def _limits(seconds: float, gigabytes: float) -> Limits:
     """Returns the limits; prints a note on systems without a memory limit."""
-    from cotlearn.homework.isolation import Limits, has_memory_limit
-    from cotlearn.validation import check_number
+    from cotlearn.course.kernel import Limits, has_memory_limit
 
-    check_number(seconds, "seconds", minimum=1)
-    check_number(gigabytes, "gigabytes", minimum=0.1)
     if not has_memory_limit():
         console.print("note: this system cannot limit the memory that an answer takes")
     return Limits(seconds, gigabytes)

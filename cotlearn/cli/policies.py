@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from cotlearn import assets
+from cotlearn.course import assets
 
 if TYPE_CHECKING:
     from cotlearn.policies.settings import Setting
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Name = Annotated[str, typer.Argument(help="A task; its options are the course's.")]
 _LAYOUTS = "An .npz, Diffusion Policy's .zarr or LeRobot folder; default: the course's."
 Data = Annotated[Path | None, typer.Option(help=_LAYOUTS)]
-#: Fields of `policies.training.Options` that a command can change.
+#: Fields of `policies.options.Options` that a command can change.
 OPTIONS = {
     "steps": Annotated[int | None, typer.Option(min=1, help="Gradient steps.")],
     "batch_size": Annotated[int | None, typer.Option(min=1, help="Rows of a gradient step.")],
@@ -30,7 +30,6 @@ OPTIONS = {
     "condition_weight": Annotated[float | None, typer.Option(min=0, help="Default: by frontier.")],
     "frame": Annotated[str | None, typer.Option(help="Frame of states and actions.")],
     "label": Annotated[str | None, typer.Option(help="Label: intention or action.")],
-    "network": Annotated[str | None, typer.Option(help="Network: mlp or unet.")],
     "prediction": Annotated[str | None, typer.Option(help="Of noise, data or velocity.")],
 }
 
@@ -82,7 +81,8 @@ def setting(name: str, options: dict[str, Any], data: Path | None) -> tuple[Sett
     Torch is limited to one thread, as in the course.
 
     Raises:
-        ValueError: there is no such task, an option does not fit, or data is missing.
+        ValueError: there is no such task, an option does not fit, or data is missing or of another
+            task.
     """
     import torch
 
@@ -93,11 +93,17 @@ def setting(name: str, options: dict[str, Any], data: Path | None) -> tuple[Sett
 
     torch.set_num_threads(1)
     found = SETTINGS[check_choice(name, "task", tuple(SETTINGS))]
-    if data is None and not found.shipped:
-        where = "docs/how_to/use_human_demonstrations.md says where they are"
+    task = find_task(found.task)
+    if data is None and not (found.shipped and task.demonstrations):
+        page = "docs/how_to/use_human_demonstrations.md says where they are"
+        where = page if task.demonstrations else f"`cotlearn demos {task.name}` records them"
         raise ValueError(f"{name} needs --data, which does not come with the course; {where}")
     found = replace(found, options=replace(found.options, **options))
-    return found, read(data or assets.find_data(find_task(found.task).demonstrations))
+    episodes = read(data or assets.find_data(task.demonstrations))
+    if episodes.task.name != task.name:
+        shown = f"{data} holds demonstrations of {episodes.task.name}"
+        raise ValueError(f"{shown}, but {name} needs those of {task.name}")
+    return found, episodes
 
 
 def numbers(text: str, name: str) -> list[int]:

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from cotlearn.cli.terminal import console, reported
+from cotlearn.cli.terminal import SEED, console, reported
+from cotlearn.interrupt import loading
 
 
 def report(
@@ -18,24 +19,25 @@ def report(
     steps: Annotated[int, typer.Option(min=1, help="Gradient steps of each training.")] = 2000,
     observe: Annotated[int, typer.Option(min=1, help="States in c, for recorded episodes.")] = 2,
     predict: Annotated[int, typer.Option(min=1, help="Actions in x1, for recorded episodes.")] = 16,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of everything.")] = 0,
+    seed: Annotated[int, typer.Option(**SEED, help="Seed of everything.")] = 0,
 ) -> None:
     """Examines your data, recommends a coupling, trains with it and tests it; about two minutes.
 
     The page contains its figures and needs no network. Interrupted trainings resume.
     """
-    model = model or out.with_suffix(".safetensors")
-    checkpoints = out.with_name(f".{out.name}")
     with reported(TypeError, RuntimeError):
-        import torch
+        with loading():
+            import torch
 
-        from cotlearn.report import examine, read_data, write_page
-        from cotlearn.report.findings import TRAININGS
-        from cotlearn.validation import check_output
+            from cotlearn.report import examine, read_data, write_page
+            from cotlearn.report.findings import TRAININGS
+            from cotlearn.validation import check_output, check_separate
 
         torch.set_num_threads(1)
-        for path, name in ((out, "out"), (model, "model")):
-            check_output(path, name)
+        check_output(out, "out")
+        model = check_output(model or out.with_suffix(".safetensors"), "model")
+        check_separate(data=data, out=out, model=model)
+        checkpoints = out.with_name(f".{out.name}")
         rows = read_data(data, observe=observe, predict=predict)
         console.print(f"{escape(rows.data.name)}: {escape(rows.about)}")
         found = examine(rows, steps=steps, seed=seed, checkpoints=checkpoints)

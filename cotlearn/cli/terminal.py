@@ -2,18 +2,24 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import typer
 from rich.console import Console
 from rich.markup import escape
+
+from cotlearn.extras import how_to_install
+from cotlearn.interrupt import raise_again
+
+#: The seeds that torch takes, for an option.
+SEED: dict[str, Any] = {"min": 0, "max": 2**63 - 1}
 
 console = Console(highlight=False, soft_wrap=True)
 
 
 def stop(message: str) -> NoReturn:
     """Ends the command with a message and the exit code 2."""
-    from cotlearn.homework.registry import printable
+    from cotlearn.course.checking import printable
 
     text = escape("\n".join(printable(line, 5000) for line in message.splitlines()))
     Console(stderr=True, highlight=False, soft_wrap=True).print(f"[red]error:[/] {text}")
@@ -22,8 +28,8 @@ def stop(message: str) -> NoReturn:
 
 def stop_missing(package: str | None) -> NoReturn:
     """Ends the command with the name of a missing package and how to install it."""
-    extra = "machines" if package in ("distributed", "ray") else "course"
-    stop(f"{package} is not installed; install it with: pip install 'cotlearn[{extra}]'")
+    extra = "peers" if package in ("distributed", "ray") else "course"
+    stop(f"{package} is not installed; install it with: {how_to_install(extra)}")
 
 
 @contextmanager
@@ -36,6 +42,7 @@ def reported(*more: type[Exception]) -> Iterator[None]:
         more: further error types whose message is enough for the user.
     """
     kinds: tuple[type[Exception], ...] = (ValueError, *more)
+    raise_again()
     try:
         yield
     except ImportError as error:

@@ -8,7 +8,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from cotlearn.cli import policies
-from cotlearn.cli.terminal import console, reported
+from cotlearn.cli.terminal import SEED, console, reported
+from cotlearn.interrupt import loading
 
 
 @policies.with_options
@@ -16,7 +17,7 @@ def train(
     name: policies.Name,
     options: dict[str, Any],
     coupling: Annotated[str, typer.Option(help="A method, see below.")] = "stratified",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of weights, pairs and times.")] = 0,
+    seed: Annotated[int, typer.Option(**SEED, help="Seed of weights, pairs and times.")] = 0,
     episodes: Annotated[int | None, typer.Option(min=1, help="Most demonstrations.")] = None,
     data: policies.Data = None,
     out: Annotated[Path | None, typer.Option(help="Default: NAME.safetensors.")] = None,
@@ -24,13 +25,15 @@ def train(
 ) -> None:
     """Trains a policy for a task, saves it and tests it in rollouts; resumes if interrupted."""
     out = out or Path(f"{name.replace('-', '_')}.safetensors")
-    checkpoint = out.with_name(f"{out.stem}.training.safetensors")
     with reported(RuntimeError):
-        from cotlearn.policies import training
-        from cotlearn.policies.comparison.choice import with_choice
-        from cotlearn.validation import check_output
+        with loading():
+            from cotlearn.policies import training
+            from cotlearn.policies.choice import with_choice
+            from cotlearn.validation import check_output, check_separate
 
         check_output(out, "out")
+        checkpoint = out.with_name(f"{out.stem}.training.safetensors")
+        check_separate(data=data, out=out, checkpoint=checkpoint)
         setting, chosen = policies.setting(name, options, data)
         if episodes is not None:
             chosen = chosen.select(range(min(episodes, len(chosen))))

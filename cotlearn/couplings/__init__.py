@@ -15,7 +15,9 @@ from cotlearn.couplings.optimal import MinibatchOT
 from cotlearn.couplings.reflow import FixedPairs, Reflow
 from cotlearn.couplings.semidiscrete import SemidiscreteOT
 from cotlearn.couplings.stratified import StratifiedOT
+from cotlearn.couplings.stratified_batches import StratifiedBatches
 from cotlearn.couplings.transformed import Transformed, centred
+from cotlearn.couplings.units import OwnUnits
 
 __all__ = [
     "AdaptiveConditionalOT",
@@ -27,12 +29,14 @@ __all__ = [
     "KMeansCondition",
     "MinibatchOT",
     "ModelAligned",
+    "OwnUnits",
     "PCAKMeansCondition",
     "Pairs",
     "Reflow",
     "Sampler",
     "SemidiscreteOT",
     "Source",
+    "StratifiedBatches",
     "StratifiedOT",
     "Transformed",
     "centred",

@@ -1,5 +1,6 @@
 """C2OT: conditional OT that finds a condition weight for each batch."""
 
+import warnings
 from bisect import bisect_left
 from dataclasses import dataclass, field
 
@@ -23,6 +24,10 @@ class AdaptiveConditionalOT(ConditionalOT):
     r falls from r(0), about 1/2, to r(infinity), which counts only equal conditions. Weights lie on
     a grid of powers of 2^(1/16).
 
+    r(infinity) is about 1/B where all conditions differ, and (1/K + 1/B)/2 for K balanced labels.
+    Where it is above the target, as in the small last batch of an epoch, w is the smallest weight
+    that reaches r(infinity); the coupling says so once (UserWarning).
+
     C2OT compares image features by cosine distance, which is half the squared distance of unit
     vectors; to do the same, pass `condition=torch.nn.functional.normalize`.
 
@@ -32,7 +37,7 @@ class AdaptiveConditionalOT(ConditionalOT):
         condition: as in `ConditionalOT`.
 
     Raises:
-        ValueError: target_ratio lies outside (0, 1); when pairing, it lies below r(infinity).
+        ValueError: target_ratio lies outside (0, 1).
     """
 
     condition_weight: float | str = field(default="adaptive", init=False)
@@ -45,26 +50,34 @@ class AdaptiveConditionalOT(ConditionalOT):
         super().__post_init__()
         if not 0 < check_number(self.target_ratio, "target_ratio") < 1:
             raise ValueError(f"target_ratio must lie between 0 and 1, got {self.target_ratio}")
+        self._warned = False
 
     def weight(
         self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
     ) -> float:
-        """The smallest weight on the grid with r(w) <= target_ratio; 0 if r(0) is small enough."""
+        """The smallest weight on the grid with r(w) <= goal; 0 if r(0) is small enough.
+
+        The goal is target_ratio, or r(infinity) where that is larger.
+        """
         partner = np.argsort(noise_condition_index)  # the noise row that has condition j
         slack = sample_cost[partner, np.arange(len(partner))] - sample_cost  # M_jj - M_ij
 
-        def enough(weight: float) -> bool:
-            return bool((weight * condition_cost <= slack).mean() <= self.target_ratio)
+        def ratio(weight: float) -> float:
+            return float((weight * condition_cost <= slack).mean())
 
-        if enough(0.0):
+        if ratio(0.0) <= self.target_ratio:
             return 0.0
         lowest = float(((condition_cost == 0) & (slack >= 0)).mean())
-        if lowest > self.target_ratio:
-            raise ValueError(
+        if lowest > self.target_ratio and not self._warned:
+            self._warned = True
+            warnings.warn(
                 f"target_ratio {self.target_ratio:g} cannot be met: even an infinite weight leaves "
                 f"r(infinity) = {lowest:.4g} of this batch of {len(slack)} (pairs of equal "
-                "conditions, each row's own among them); raise target_ratio, take a larger batch, "
-                "or use ConditionalOT(math.inf)"
+                "conditions, each row's own among them); its weight leaves no others. If this is "
+                "not a small last batch, raise target_ratio, take larger batches, or use "
+                "ConditionalOT(math.inf)",
+                stacklevel=7,
             )
-        found = bisect_left(GRID, True, key=lambda k: enough(2.0 ** (k / RESOLUTION)))
+        goal = max(self.target_ratio, lowest)
+        found = bisect_left(GRID, True, key=lambda k: ratio(2.0 ** (k / RESOLUTION)) <= goal)
         return float(2.0 ** (GRID[found] / RESOLUTION))

@@ -1,6 +1,6 @@
 """Model-aligned coupling (MAC): the model's own error decides which pairs it trains on."""
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,17 @@ from torch import Tensor, nn
 
 from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation, sinkhorn_plan
-from cotlearn.couplings.base import Array, Coupling, Index, Match, near_rows, squared_distances
+from cotlearn.couplings.base import (
+    Array,
+    Coupling,
+    Index,
+    Match,
+    Traits,
+    lent,
+    near_rows,
+    squared_distances,
+)
+from cotlearn.couplings.unheeded import warn_if_one_column_rules
 
 LIMIT = 64  #: most distinct conditions in a "full" batch, which needs B evaluations for each
 
@@ -54,8 +64,7 @@ class ModelAligned(Coupling):
     condition_weight: float = 0.0
 
     name = "aligned"
-    uses_network = True
-    transformable = False
+    traits = Traits(needs_network=True, transformable=False)
 
     def __post_init__(self) -> None:
         validation.check_choice(self.variant, "variant", ("weighted", "topk", "full"))
@@ -67,7 +76,8 @@ class ModelAligned(Coupling):
         weight = validation.check_number(self.condition_weight, "condition_weight")
         if weight and self.variant != "full":
             raise ValueError("condition_weight is for variant 'full': the others pair i with i")
-        self.needs_condition = self.condition_weight > 0
+        if self.condition_weight > 0:
+            self.traits = replace(self.traits, needs_condition=True)
         self._network: Any = None
         self._step = 0
         self.evaluations = 0  #: rows of the network evaluated for the last batch
@@ -134,6 +144,7 @@ class ModelAligned(Coupling):
     def _assign(self, x0: Tensor, x1: Tensor, c: Tensor | None) -> Index:
         cost = self.errors(x0, x1, c)
         if self.condition_weight and c is not None:
+            warn_if_one_column_rules(c)
             cost = cost + self.condition_weight * squared_distances(c, c)
         spread = cost.std()
         if spread == 0:
@@ -144,6 +155,7 @@ class ModelAligned(Coupling):
 
     def _velocity(self, t: float, x: Tensor, c: Tensor | None) -> Tensor:
         weights = next(self._network.parameters(), x)  # for the network's device and dtype
+        x, c = lent(x, c)
         moved = None if c is None else c.to(weights)
         return self._network(torch.tensor(t).to(weights), x.to(weights), moved).to(x)
 

@@ -9,8 +9,9 @@ import math
 from statistics import median
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from cotlearn.couplings.compiled import compiled
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -22,7 +23,11 @@ STAGES = 2, 5  #: least and greatest number of temperatures
 STEPS = 10  #: Sinkhorn steps at each temperature
 RELAXATION = np.float32(1.4)  #: over-relaxation of the steps, in [1, 2) (Thibault 1711.01851)
 LEAST = np.float32(1e-12)  #: scalings stay in [1e-12, 1e12]
-ONE = np.float32(1)
+#: Entries of the kernel are 0 or at least 1e-25, so that their products with scalings are normal
+#: numbers: on some processors an operation on a denormal number takes a hundred times as long.
+SMALLEST = np.float32(-57)  #: exponent, below which an entry is 0
+SMALL = np.float32(1e-5)  #: an entry below this is 0 after its fifth power
+ZERO, ONE = np.float32(0), np.float32(1)
 
 
 @np.errstate(over="ignore")  # of costs near the largest number, which `assignment.py` leaves out
@@ -39,14 +44,20 @@ def survey(cost: Array) -> tuple[Array, float, float, int]:
     """
     n = len(cost)
     least, taken = _cheapest(cost)
-    some, few = (cost[:: max(1, n // rows)] for rows in (32, 8))
-    few = np.partition(few, (0, n // 10), axis=1)
-    tenths = few[:, n // 10] - few[:, 0]
+    some = cost[:: max(1, n // 32)]
     spread = max(float(some.std()), float(some.mean() - least.min()) / FAR)
-    return least, spread, median(tenths.tolist()), taken
+    return least, spread, nearness(cost), taken
 
 
-@njit(cache=True, nogil=True)
+def nearness(cost: Array) -> float:
+    """How far the lowest costs (B, B) of a row lie apart: its first decile less its minimum."""
+    n = len(cost)
+    few = np.partition(cost[:: max(1, n // 8)], (0, n // 10), axis=1)
+    tenths = few[:, n // 10] - few[:, 0]
+    return median(tenths.tolist())
+
+
+@compiled()
 def _cheapest(cost: Array) -> tuple[Array, int]:
     """The first and the last result of `survey`, without a second matrix of this size.
 
@@ -68,7 +79,7 @@ def _cheapest(cost: Array) -> tuple[Array, int]:
     return least, int(taken.sum())
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@compiled(fastmath=True)
 def potentials(cost: Array, least: Array, spread: float, near: float) -> tuple[Array, Array]:
     """Potentials f, g: f_i + g_j is near cost_ij on optimal pairs, and not far above it elsewhere.
 
@@ -85,10 +96,7 @@ def potentials(cost: Array, least: Array, spread: float, near: float) -> tuple[A
     n = len(cost)
     kernel, sums = np.empty((n, n), np.float32), np.empty(n, np.float32)
     rows, columns = np.zeros(n), least.copy()
-    per_unit = -1 / (TEMPERATURE * spread)
-    for i in range(n):
-        for j in range(n):
-            kernel[i, j] = math.exp(np.float32((cost[i, j] - least[j]) * per_unit))
+    _start(kernel, cost, least, float(-1 / (TEMPERATURE * spread)))
     temperature = TEMPERATURE * spread
     coldest = near / min(4.0, n / 128)  # in large batches lower temperatures pay for themselves
     for stage in range(1, STAGES[1] + 1):
@@ -103,15 +111,32 @@ def potentials(cost: Array, least: Array, spread: float, near: float) -> tuple[A
         if stage >= STAGES[0] and temperature <= coldest:
             break
         temperature /= COOLING
-        for i in range(n):
-            for j in range(n):
-                entry = kernel[i, j] * u[i] * v[j]
-                square = entry * entry
-                kernel[i, j] = square * square * entry  # fifth power: a fifth of the temperature
+        _cool(kernel, u, v)
     return rows, columns
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@compiled(fastmath=True)
+def _start(kernel: Single, cost: Array, least: Array, per_unit: float) -> None:
+    """The kernel at the first temperature, in place."""
+    n = len(cost)
+    for i in range(n):
+        for j in range(n):
+            exponent = np.float32((cost[i, j] - least[j]) * per_unit)
+            kernel[i, j] = math.exp(exponent) if exponent > SMALLEST else ZERO
+
+
+@compiled(fastmath=True)
+def _cool(kernel: Single, u: Single, v: Single) -> None:
+    """The scaled kernel's fifth power, in place: that at a fifth of the temperature."""
+    n = len(u)
+    for i in range(n):
+        for j in range(n):
+            entry = kernel[i, j] * u[i] * v[j]
+            square = entry * entry
+            kernel[i, j] = square * square * entry if entry > SMALL else ZERO
+
+
+@compiled(fastmath=True)
 def _step(kernel: Single, u: Single, v: Single, sums: Single) -> None:
     """One over-relaxed Sinkhorn step of u and v in place; `sums` becomes u kernel."""
     n = len(u)
@@ -127,7 +152,7 @@ def _step(kernel: Single, u: Single, v: Single, sums: Single) -> None:
         v[j] = _relaxed(v[j], sums[j])
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
+@compiled(fastmath=True, inline="always")
 def _relaxed(scaling: np.float32, product: np.float32) -> np.float32:
     """The scaling moved towards 1 / product, and beyond it by over-relaxation."""
     moved = scaling * (scaling * product + LEAST) ** -RELAXATION

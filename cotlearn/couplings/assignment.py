@@ -3,8 +3,9 @@
 The exact solver has two stages. A few Sinkhorn steps in single precision (`annealing.py`) give
 nearly optimal dual potentials, with which most rows find a free column at once; shortest augmenting
 paths in double precision (`augmenting.py`) assign the remaining rows. The potentials change the
-time, never the optimum. Lower last temperatures, more steps and stronger over-relaxation did not
-pay over all sizes.
+time, never the optimum: where rounding errors of the potentials are not small against the
+differences of costs, or where the paths are long, SciPy solves. Lower last temperatures, more steps
+and stronger over-relaxation did not pay over all sizes.
 
 The temperature is a share of the costs' standard deviation. It is a share of (mean - least cost)
 where that is far larger, as for the entries of a Sinkhorn plan, nearly all of which are 0. It falls
@@ -12,11 +13,13 @@ further where a row's lowest costs lie much closer together, as within clusters 
 `benchmarks/assignment.py` compares the solver with torchcfm, SciPy and POT.
 """
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from cotlearn.couplings.annealing import potentials, survey
+from cotlearn.couplings.annealing import nearness, potentials, survey
 from cotlearn.couplings.augmenting import assign
 from cotlearn.validation import check_number
 
@@ -25,7 +28,10 @@ Index = NDArray[np.int64]
 
 SMALL_BATCH = 64  #: rows up to which SciPy alone is faster
 EASY = 0.75  #: share of rows with a cheapest column of their own, above which SciPy is as fast
+SHARP = 1e-7  #: rounding errors of the costs, as a share of the lowest costs' distances
+BLUNT = 1e-3  #: the same, above which no solver is exact
 SINKHORN_STEPS, SINKHORN_ERROR = 1000, 1e-6  #: most steps; tolerance of the marginals
+MARGINALS_OFF = 0.05  #: share by which a marginal of a plan may miss 1/B without a warning
 UNDERFLOW = 100.0  #: exponent above which Sinkhorn needs logarithms: exp(-1000) is 0
 
 
@@ -40,14 +46,52 @@ def exact_permutation(cost: Array) -> Index:
 
     Raises:
         ValueError: the cost is not square, is empty, or is not finite.
+
+    Warns (RuntimeWarning) if some costs are so large that rounding hides the others.
     """
     cost = _check_cost(cost)
     if len(cost) > SMALL_BATCH:
         least, spread, near, easy = survey(cost)
         if 1e-30 < spread < 1e30 and easy < EASY * len(cost):  # single precision holds the scale
-            permutation: Index = assign(cost, *potentials(cost, least, spread, near))
-            return permutation
+            rows, columns = potentials(cost, least, spread, near)
+            if _rounding(cost, rows, columns) < SHARP * near:
+                found = assign(cost, rows, columns)
+                if found is not None:
+                    return found
+    return _by_scipy(cost)
+
+
+def _by_scipy(cost: Array) -> Index:
+    """The same without potentials of our own, and with large costs brought down first."""
+    if _rounding(cost) >= SHARP * min(nearness(cost), nearness(cost.T)):
+        cost = _reduced(cost)
+        near, rounding = nearness(cost), _rounding(cost)
+        if rounding > BLUNT * near > 0:
+            warnings.warn(
+                f"costs up to {cost.max():.3g} hide the others, whose lowest differ by "
+                f"{near:.3g}: rounding chooses their pairs; leave out the rows that are so far off",
+                RuntimeWarning,
+                stacklevel=2,
+            )
     return linear_sum_assignment(cost)[1].astype(np.int64)
+
+
+def _reduced(cost: Array) -> Array:
+    """The cost less a constant for each row and column, which changes no optimum.
+
+    First come those, rows or columns, that differ more: the others' constants would else hold the
+    noise of one of them, and SciPy's paths would be up to twenty times as long.
+    """
+    first = 1 if np.ptp(cost.min(axis=1)) > np.ptp(cost.min(axis=0)) else 0
+    cost = cost - cost.min(axis=first, keepdims=True)
+    cost -= cost.min(axis=1 - first, keepdims=True)
+    return cost
+
+
+def _rounding(*values: Array) -> float:
+    """The rounding error of sums of these numbers."""
+    largest = max(max(float(some.max()), -float(some.min())) for some in values)
+    return float(np.finfo(np.float64).eps) * largest
 
 
 def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
@@ -59,18 +103,20 @@ def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
     Args:
         cost: (B, B), finite.
         regularization: above 0, in units of the mean cost, so that it does not depend on the
-            scale of the data.
+            scale of the data; of costs below 0, in units of the mean cost above the least.
 
     Returns:
         (B, B), non-negative; rows and columns sum to 1/B up to the solver's tolerance.
+
+    Warns (RuntimeWarning) if a row or column is more than 5 % off, as with a small regularization.
     """
     cost = _check_cost(cost)
     if check_number(regularization, "regularization") == 0:
         raise ValueError("regularization must be above 0; for 0 use the exact permutation")
-    scale = max(float(cost.mean()), np.finfo(float).tiny)
-    scaled = (cost - cost.min()) / scale  # a constant changes no plan
+    scaled = cost - cost.min()  # a constant changes no plan
+    scaled /= max(float((scaled if cost.min() < 0 else cost).mean()), np.finfo(float).tiny)
     if scaled.max() < UNDERFLOW * regularization:
-        return _scaled_kernel(np.exp(-scaled / regularization))
+        return _converged(_scaled_kernel(np.exp(-scaled / regularization)), regularization)
     import ot  # late: it takes two seconds
 
     weights = np.full(len(cost), 1 / len(cost))
@@ -78,6 +124,19 @@ def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
         weights, weights, scaled, regularization, method="sinkhorn_log", numItermax=SINKHORN_STEPS,
         stopThr=SINKHORN_ERROR, warn=False,
     )  # fmt: skip
+    return _converged(plan, regularization)
+
+
+def _converged(plan: Array, regularization: float) -> Array:
+    """The plan, with a warning if its marginals are far from uniform."""
+    off = max(float(abs(plan.sum(axis=axis) * len(plan) - 1).max()) for axis in (0, 1))
+    if not off <= MARGINALS_OFF:
+        warnings.warn(
+            f"the Sinkhorn plan has not converged: a marginal is {100 * off:.0f} % off; raise "
+            f"regularization above {regularization:g}, or use the exact plan",
+            RuntimeWarning,
+            stacklevel=3,
+        )
     return plan
 
 

@@ -14,16 +14,18 @@ seconds, kept in a cache).
 import heapq
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from cotlearn.couplings.compiled import compiled
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 WIDTH = 128  #: most near columns that are stored for a row
+SCANS = 16  #: scans of all columns, for each row on average, after which SciPy is faster
 
 
-def assign(cost: Array, rows: Array, columns: Array) -> Index:
+def assign(cost: Array, rows: Array, columns: Array) -> Index | None:
     """The permutation p that minimises sum_i cost[i, p[i]].
 
     Args:
@@ -32,20 +34,23 @@ def assign(cost: Array, rows: Array, columns: Array) -> Index:
         columns: (B,), potentials of the columns.
 
     Returns:
-        (B,), the column of each row.
+        (B,), the column of each row; None if the search was given up, because ties or potentials
+        of no use make the paths long: ordinary costs need fewer than 7 scans for each row, small
+        integers half of B.
     """
     n = len(cost)
     some = slice(None, None, max(1, n // 16))
     reduced = (cost[some] - rows[some, None] - columns).ravel()
     rank = max(16, n // 32) * reduced.size // n
     # the threshold: about 16 columns of a row lie below it, more in large batches
-    return _assign(cost, rows, columns, float(np.partition(reduced, rank)[rank]))
+    found: Index = _assign(cost, rows, columns, float(np.partition(reduced, rank)[rank]))
+    return found if found[-1] >= 0 else None
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
-    """`assign`, where near columns are those whose reduced cost is at most `near`."""
-    n = len(cost)
+    """`assign`, where near columns are those whose reduced cost is at most `near`; -1: given up."""
+    n, scans = len(cost), 0
     near_column = np.empty((n, WIDTH), np.int64)
     near_cost = np.empty((n, WIDTH))
     n_near = np.zeros(n, np.int64)
@@ -92,6 +97,10 @@ def _assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
                         continue  # a shorter path reached it in the meantime
                     break
                 far = node - n
+                scans += 1
+                if scans > SCANS * n:
+                    column_of[:] = -1
+                    return column_of
                 offset = length - beyond[far]
                 for j in range(n):
                     longer = offset + cost[far, j] - rows[far] - columns[j] - price[j]

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import itertools
+import math
+import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass, fields
 from operator import itemgetter
 from typing import Any, NamedTuple, Protocol
@@ -12,13 +17,17 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from torch import Generator, Tensor
+from torch.utils.data import get_worker_info
 
 from cotlearn import validation
+from cotlearn.randomness import Purpose, generator_for
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MANY_DIMENSIONS = 12  #: columns from which a matrix product computes distances faster
+#: The generator by which a stream pairs: it made that for one batch, and other workers have others.
+_OF_A_STREAM: ContextVar[Generator | None] = ContextVar("_OF_A_STREAM", default=None)
 LOST_DIGITS = 1e-6  #: share of the largest |a|^2 + |b|^2 below which the product loses digits
 
 
@@ -33,6 +42,8 @@ class Pairs:
         source_index: (B,) row of each x0 in the input batch.
         target_index: (B,) row of each x1 in the input batch.
         weight: (B,) weight of each row in the loss, or None for equal weights.
+        group: (B,) number of the stratum that a row was drawn from, see `StratifiedBatches`; None:
+            the rows were drawn from all the data.
     """
 
     x0: Tensor
@@ -41,6 +52,7 @@ class Pairs:
     source_index: Tensor
     target_index: Tensor
     weight: Tensor | None = None
+    group: Tensor | None = None
 
     def __post_init__(self) -> None:
         x0, c, shape = self.x0, self.c, np.shape(self.x0)
@@ -50,15 +62,28 @@ class Pairs:
         validation.check_shape(self.x1, "x1", shape)
         if c is not None and not (isinstance(c, Tensor) and c.ndim == 2 and len(c) == len(x0)):
             raise ValueError(f"c must have shape ({len(x0)}, columns), got {c!r}")
+        for name in ("source_index", "target_index", "group"):
+            if (value := getattr(self, name)) is not None or name != "group":
+                validation.check_index(value, name, len(x0))
+        if self.weight is not None:
+            _check_weight(self.weight, len(x0))
 
     def __len__(self) -> int:
         return len(self.x0)
 
+    def __repr__(self) -> str:
+        there = ((f.name, getattr(self, f.name)) for f in fields(self))
+        shapes = (f"{name} {tuple(x.shape)}" for name, x in there if x is not None)
+        return f"Pairs({', '.join(shapes)})"
+
     def map(self, change: Callable[[Tensor], Tensor]) -> Pairs:
         """Apply `change` to every tensor, for instance to slice it or to move it to a device."""
         given = (getattr(self, f.name) for f in fields(self))
-        values: Any = (None if value is None else change(value) for value in given)
-        return Pairs(*values)
+        return Pairs._trusted(*(None if value is None else change(value) for value in given))
+
+    def pin_memory(self) -> Pairs:
+        """Copy every tensor to pinned memory; a `DataLoader` with pin_memory=True calls this."""
+        return self.map(Tensor.pin_memory)
 
     @staticmethod
     def cat(parts: Sequence[Pairs]) -> Pairs:
@@ -66,8 +91,15 @@ class Pairs:
         if len(parts) == 1:
             return parts[0]
         columns = ([getattr(part, f.name) for part in parts] for f in fields(Pairs))
-        values: Any = (None if column[0] is None else torch.cat(column) for column in columns)
-        return Pairs(*values)
+        return Pairs._trusted(*(None if c[0] is None else torch.cat(c) for c in columns))
+
+    @classmethod
+    def _trusted(cls, *values: Tensor | None) -> Pairs:
+        """Parts of pairs that were checked are not checked again, batch by batch."""
+        pairs = cls.__new__(cls)
+        for field, value in zip(fields(cls), values, strict=True):
+            object.__setattr__(pairs, field.name, value)
+        return pairs
 
 
 class Sampler(Protocol):
@@ -104,23 +136,39 @@ class WithOptions:
         return f"{type(self).__name__}({', '.join(options)})"
 
 
+@dataclass(frozen=True)
+class Traits:
+    """What a coupling needs, for the code around it.
+
+    Attributes:
+        needs_condition: it cannot pair without c.
+        needs_network: it must see the network before each batch, by `observe`.
+        whole_data: it needs the whole data set; ot_batch_size does not apply.
+        uses_ot_batch: a larger ot_batch_size gives each row more candidates.
+        solves: pairing takes long enough to be worth a background thread.
+        transformable: it pairs rows of a batch by x1 and c alone, and labels them by their data
+            (see `Transformed`).
+    """
+
+    needs_condition: bool = False
+    needs_network: bool = False
+    whole_data: bool = False
+    uses_ot_batch: bool = False
+    solves: bool = True
+    transformable: bool = True
+
+
 @dataclass(repr=False, eq=False)
 class Coupling(WithOptions):
     """Pairs noise with data. A new coupling overrides `match`, and nothing else.
 
-    Its options are the fields of a dataclass, `@dataclass(repr=False)`. A coupling that needs the
-    whole data set sets `whole_data = True` and is given an epoch instead of a batch: see `prepare`
-    and `epoch_rows`. A coupling that needs the model sets `uses_network = True` and overrides
-    `observe`.
+    Its options are the fields of a dataclass, `@dataclass(repr=False)`. What it needs it declares
+    by `traits`. One that needs the whole data set is given an epoch instead of a batch: see
+    `prepare` and `epoch_rows`.
     """
 
     name = "coupling"
-    uses_network = False
-    uses_ot_batch = False  #: a larger ot_batch_size gives each row more candidates
-    whole_data = False  #: needs the whole data set; ot_batch_size does not apply
-    solves = True  #: pairing takes long enough to be worth a background thread
-    needs_condition = False
-    transformable = True  #: pairs rows of a batch by x1 and c alone (see `Transformed`)
+    traits = Traits()
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Choose which rows of x0 (B, d) and x1 (B, d) to pair; `__call__` has checked them."""
@@ -135,29 +183,50 @@ class Coupling(WithOptions):
             x0: (B, d) noise, floating point and finite; any device.
             x1: (B, d) data.
             c: (B, k) conditions of x1, or None if the coupling does not need them.
-            generator: source of randomness; torch's global generator if None.
+            generator: source of randomness; torch's global generator if None. In the workers of a
+                DataLoader leave it out: torch seeds each of them differently, but copies of one
+                generator draw the same in all, which is warned of.
 
         Returns:
             `Pairs` of B rows, with the devices and dtypes of the inputs. Inputs are not changed.
 
         Raises:
             TypeError: an input is not a floating-point tensor, or c is None but needed.
-            ValueError: shapes do not match, a batch is empty, or values are not finite.
+            ValueError: shapes do not match, a batch is empty, or values are not finite, or so large
+                or small that their squares are not.
         """
         validation.check_matrix(x0, "x0", hint=validation.IMAGES)
         validation.check_matrix(x1, "x1", columns=x0.shape[1], hint=validation.IMAGES)
         validation.check_same_rows(x1, "x1", x0, "x0")
-        self._check_condition(c, x0, "x0")
+        if self.traits.solves:
+            validation.check_squares(x0=x0, x1=x1)
+        seen = self._check_condition(c, x0, "x0")
         validation.check_generator(generator)
-        with torch.no_grad():
-            match = self.match(x0, x1, c, _numpy_rng(generator))
-        source = torch.from_numpy(match.source_index).to(x0.device)
-        target = torch.from_numpy(match.target_index).to(x0.device)
-        paired = x1[target.to(x1.device)] if match.x1 is None else match.x1
+        _warn_of_copies(generator)
+        with torch.no_grad():  # what a coupling keeps must not hold a graph
+            plain = [_without_graph(value) for value in (x0, x1, seen)]
+            match = self.matched(plain[0], plain[1], plain[2], _numpy_rng(generator))
+        validation.check_has(match, "what match returns", "a Match", *Match._fields)
+        source, target = (
+            _check_rows(getattr(match, name), name, len(x0)).to(x0.device)
+            for name in ("source_index", "target_index")
+        )
+        if match.x1 is None:
+            paired = x1[target.to(x1.device)]
+        else:
+            paired = check_like(match.x1, "x1 of match", x1).to(x1)
         if c is not None:
-            label = match.condition_index
-            c = c[(target if label is None else torch.from_numpy(label)).to(c.device)]
+            label = target
+            if match.condition_index is not None:
+                label = _check_rows(match.condition_index, "condition_index", len(x0))
+            c = c[label.to(c.device)]
         return Pairs(x0[source], paired, c, source, target, match.weight)
+
+    def matched(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
+        """What `match` chooses; a user's one may overwrite what it is given."""
+        if not is_ours(self.match):
+            x0, x1, c = lent(x0, x1, c)
+        return self.match(x0, x1, c, rng)
 
     def stream(
         self,
@@ -172,15 +241,17 @@ class Coupling(WithOptions):
         """Yield training batches without end.
 
         Batch number s depends only on the generator's seed and s, so that a stream resumed with
-        `start` continues with the same batches. Where whole epochs are paired, an incomplete last
+        `start` continues with the same batches. In the workers of a DataLoader each yields its
+        share of them: with batch_size=None and a seeded generator the loader gives the batches of
+        one process, in their order. Where whole epochs are paired, an incomplete last
         batch is dropped, and epochs smaller than a batch are concatenated.
 
         Args:
-            data: has `sample(n, generator=g) -> (x1, c)`; for a coupling with `whole_data` also
+            data: has `sample(n, generator=g) -> (x1, c)`; for a coupling of whole data also
                 `x1`, `c` and a length.
             batch_size: rows of each yielded `Pairs`.
             ot_batch_size: rows that are paired at once, a multiple of batch_size; batch_size if
-                None. More rows help if the coupling has `uses_ot_batch`.
+                None. More rows help if the coupling's traits say `uses_ot_batch`.
             source: draws the noise; standard normal if None.
             generator: only its initial seed counts; torch's global seed if None.
             start: number of the first batch.
@@ -188,14 +259,15 @@ class Coupling(WithOptions):
         Raises:
             TypeError: the data have no `sample`, or are endless, but the coupling needs the whole
                 data set.
-            ValueError: a size is out of range, or ot_batch_size is given to a coupling with
-                `whole_data`.
+            ValueError: a size is out of range, or ot_batch_size is given to a coupling of whole
+                data.
         """
         validation.check_count(batch_size, "batch_size")
         ot_batch_size = batch_size if ot_batch_size is None else ot_batch_size
         validation.check_count(ot_batch_size, "ot_batch_size", minimum=batch_size)
-        if ot_batch_size % batch_size or (self.whole_data and ot_batch_size != batch_size):
-            allowed = "equal to" if self.whole_data else "a multiple of"  # all the data are paired
+        whole = self.traits.whole_data
+        if ot_batch_size % batch_size or (whole and ot_batch_size != batch_size):
+            allowed = "equal to" if whole else "a multiple of"  # all the data are paired
             raise ValueError(
                 f"ot_batch_size must be {allowed} batch_size {batch_size} for "
                 f"{type(self).__name__}, got {ot_batch_size}"
@@ -208,21 +280,56 @@ class Coupling(WithOptions):
         validation.check_has(data, "data", wanted, "x1" if hasattr(data, "x1") else "sample")
         seed = torch.initial_seed() if generator is None else generator.initial_seed()
         epoch = self.epoch_rows(data)
-        self.prepare(data, source, generator_for(seed, 0, purpose=3))
-        rows, solves = epoch or ot_batch_size, -(-batch_size // epoch) if epoch else 1
-        number, first = divmod(start, solves * rows // batch_size)
-        while True:
+        own = self.prepared(data, source, generator_for(seed, 0, Purpose.PREPARATION))
+        turn = own._last_turn()
+        rows, solves = ot_batch_size, 1
+        if epoch:  # a batch may take several of them
+            rows, solves = epoch, math.ceil(batch_size / epoch)
+        count = solves * rows // batch_size  # batches that are paired at once
+        worker = get_worker_info()
+        workers, mine = (worker.num_workers, worker.id) if worker else (1, 0)
+        for number in itertools.count(start // count):
+            first = number * count
+            turns = range(first + (start + mine - first) % workers, first + count, workers)
+            places = [k - first for k in turns if k >= start]
+            if not places:
+                continue
+            if own._last_turn() is not turn:
+                raise RuntimeError(
+                    f"another stream has prepared this {type(self).__name__} for its own data: "
+                    "take a coupling for each stream, or override `prepared`"
+                )
             generators = [generator_for(seed, number * solves + k) for k in range(solves)]
-            pairs = Pairs.cat([self.solve(data, rows, source, rng) for rng in generators])
+            pairs = Pairs.cat([own.solve(data, rows, source, rng) for rng in generators])
+            if len(pairs) != solves * rows:
+                own_name = type(self).__name__
+                raise ValueError(
+                    f"solve of {own_name} must return {solves * rows} pairs, got {len(pairs)}"
+                )
             if epoch:  # its pairs are ordered by cluster
-                shuffle = generator_for(seed, number, purpose=2)
+                shuffle = generator_for(seed, number, Purpose.ORDER)
                 pairs = pairs.map(itemgetter(torch.randperm(len(pairs), generator=shuffle)))
-            for k in range(first, len(pairs) // batch_size):
+            for k in places:
                 yield pairs.map(itemgetter(slice(k * batch_size, (k + 1) * batch_size)))
-            number, first = number + 1, 0
 
     def prepare(self, data: Any, source: Source | None, generator: Generator) -> None:
         """Fit clusters or potentials to the data before the first batch of a stream."""
+
+    def prepared(self, data: Any, source: Source | None, generator: Generator) -> Coupling:
+        """Prepare, and return what pairs the batches of the stream.
+
+        It is this coupling, and a stream goes on only until another one prepares it. A coupling
+        whose streams should not meet overrides this method, and returns a copy that keeps what
+        `prepare` fitted.
+        """
+        self.prepare(data, source, generator)
+        if type(self).prepare is not Coupling.prepare:
+            self._turn = object()
+        return self
+
+    def _last_turn(self) -> object:
+        """What tells the last stream that prepared this coupling from those before."""
+        return getattr(self, "_turn", None)
 
     def epoch_rows(self, data: Any) -> int:
         """Rows of an epoch if a whole epoch is paired at once; 0 if batches are."""
@@ -230,12 +337,17 @@ class Coupling(WithOptions):
 
     def draw(self, data: Any, n: int, generator: Generator) -> tuple[Tensor, Tensor | None]:
         """Draw the n rows (x1, c) that a stream pairs at once."""
-        return data.sample(n, generator=generator)
+        return draw_rows(data, n, generator)
 
     def solve(self, data: Any, n: int, source: Source | None, generator: Generator) -> Pairs:
         """Draw n rows of data and noise for a stream, and pair them."""
         x1, c = self.draw(data, n, generator)
-        return self(draw_noise(x1, source, generator), x1, c, generator)
+        x0 = draw_noise(x1, source, generator)
+        own = _OF_A_STREAM.set(generator)
+        try:
+            return self(x0, x1, c, generator)
+        finally:
+            _OF_A_STREAM.reset(own)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
         """Average number of data rows that a noise row can choose from in this batch.
@@ -256,12 +368,19 @@ class Coupling(WithOptions):
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Restore the state that `state_dict` returned."""
 
-    def _check_condition(self, c: Tensor | None, x: Tensor, name: str) -> None:
-        """Raise TypeError or ValueError unless c are conditions of the rows of x."""
+    def _check_condition(self, c: Tensor | None, x: Tensor, name: str) -> Tensor | None:
+        """Return c as floating point, or None, if c are conditions of the rows of x.
+
+        Raises:
+            TypeError: c is no tensor of real numbers, or None but needed.
+            ValueError: its shape does not fit, or values are not finite.
+        """
         if c is not None:
-            validation.check_same_rows(validation.check_condition(c), "c", x, name)
-        elif self.needs_condition:
+            c = validation.check_condition(c)
+            validation.check_same_rows(c, "c", x, name)
+        elif self.traits.needs_condition:
             raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
+        return c
 
     def _check_finite(self, data: Any) -> None:
         """Raise TypeError unless the data have `x1`, `c` and a length."""
@@ -275,7 +394,7 @@ class Coupling(WithOptions):
 class Batches(Coupling):
     """A coupling that yields existing batches of `Pairs`."""
 
-    solves = False
+    traits = Traits(solves=False)
 
     def __init__(self, batches: Iterator[Pairs]) -> None:
         self._batches = batches
@@ -286,18 +405,50 @@ class Batches(Coupling):
 
 
 class Last:
-    """A cache of a function's last value, reused while its tensors are the same objects."""
+    """A cache of a function's last value, reused while its tensors have the same content.
+
+    Identity would not do: buffers are refilled in place, and so are the tensors of a data set.
+    Content and value are one tuple, so that threads can share the cache.
+    """
 
     def __init__(self) -> None:
-        self.tensors: tuple[Tensor, ...] = ()
-        self.value: Any = None
+        self._kept: tuple[list[bytes], Any] = ([], None)
+
+    @property
+    def value(self) -> Any:
+        """The last value, or None."""
+        return self._kept[1]
 
     def __call__(self, function: Callable[..., Any], *tensors: Tensor) -> Any:
         """The function's value for these tensors, from the cache if they are the last ones."""
-        same = len(tensors) == len(self.tensors)
-        if not (same and all(a is b for a, b in zip(tensors, self.tensors, strict=True))):
-            self.tensors, self.value = tensors, function(*tensors)
-        return self.value
+        content = [content_of(value) for value in tensors]
+        kept = self._kept
+        if content != kept[0]:
+            kept = self._kept = (content, function(*tensors))
+        return kept[1]
+
+
+def lent(*values: Any) -> list[Any]:
+    """Copies of the tensors among these values, for a user's function that may overwrite them."""
+    return [value.clone() if isinstance(value, Tensor) else value for value in values]
+
+
+def is_ours(function: Any) -> bool:
+    """Whether a function is of this package, which overwrites nothing that it is given."""
+    return str(getattr(function, "__module__", "")).startswith("cotlearn.")
+
+
+def _without_graph(value: Any) -> Any:
+    """The same tensor, or its data if it has gradients."""
+    return value.detach() if isinstance(value, Tensor) and value.requires_grad else value
+
+
+def content_of(value: Tensor) -> bytes:
+    """A digest of a tensor: equal only for equal numbers, shapes and types."""
+    array = value.detach().cpu().contiguous()
+    found = hashlib.blake2b(f"{array.dtype} {tuple(array.shape)}".encode(), digest_size=16)
+    found.update(array.reshape(-1).view(torch.uint8).numpy().data)
+    return found.digest()
 
 
 def check_like(value: Any, name: str, x: Tensor) -> Tensor:
@@ -305,18 +456,53 @@ def check_like(value: Any, name: str, x: Tensor) -> Tensor:
     return validation.check_matrix(validation.check_shape(value, name, tuple(x.shape)), name)
 
 
+def _check_weight(weight: Any, rows: int) -> None:
+    """Raise an error unless these are finite weights of rows, at least 0."""
+    validation.check_shape(weight, "weight", (rows,))
+    if not (weight >= 0).all():
+        raise ValueError(f"weight must be at least 0, got {float(weight.min()):.3g}")
+    if not weight.isfinite().all():
+        raise ValueError("weight must be finite, got inf")
+
+
 def draw_noise(x1: Tensor, source: Source | None, generator: Generator) -> Tensor:
     """Draw noise with the shape of x1 (n, d), standard normal unless a source is given."""
     if source is None:
         return torch.randn(x1.shape, dtype=x1.dtype, generator=generator)
     drawn = source(len(x1), generator=generator)
-    return validation.check_shape(drawn, "source(n)", tuple(x1.shape))
+    return validation.check_shape(drawn, "source(n)", tuple(x1.shape)).to(x1)
 
 
-def generator_for(seed: int, number: int, purpose: int = 0) -> Generator:
-    """A generator seeded by (seed, number, purpose) only, the same on every machine."""
-    sequence = np.random.SeedSequence([seed % 2**64, number, purpose])
-    return torch.Generator().manual_seed(int(sequence.generate_state(1, np.uint64)[0]) >> 1)
+def draw_rows(data: Sampler, n: int, generator: Generator | None) -> tuple[Tensor, Tensor | None]:
+    """Draw n rows (x1, c) by `data.sample`.
+
+    Raises:
+        TypeError: it returns something else than a tuple (x1, c) of tensors; c may be None.
+        ValueError: it returns another number of rows.
+    """
+    drawn = data.sample(n, generator=generator)
+    if not (isinstance(drawn, tuple) and len(drawn) == 2):
+        raise TypeError(f"data.sample(n) must return (x1, c), got {type(drawn).__name__}")
+    for name, rows in zip(("x1", "c"), drawn, strict=True):
+        if not isinstance(rows, Tensor) and not (name == "c" and rows is None):
+            kind = type(rows).__name__
+            raise TypeError(f"data.sample(n) must return {name} as a torch tensor, got {kind}")
+        if rows is not None and (not rows.ndim or len(rows) != n):
+            got = tuple(rows.shape)
+            raise ValueError(f"data.sample({n}) must return {n} rows of {name}, got shape {got}")
+    return drawn
+
+
+def _check_rows(value: Any, name: str, rows: int) -> Tensor:
+    """Return what `match` gave for `name` as row numbers (rows,)."""
+    index = value if isinstance(value, Tensor) else torch.as_tensor(np.asarray(value))
+    whole = not (index.is_floating_point() or index.is_complex() or index.dtype == torch.bool)
+    if not whole or index.shape != (rows,) or not 0 <= int(index.min()) <= int(index.max()) < rows:
+        got = f"{index.dtype} of shape {tuple(index.shape)}"
+        if whole and index.numel():
+            got += f" from {int(index.min())} to {int(index.max())}"
+        raise ValueError(f"match must give {name} as {rows} rows from 0 to {rows - 1}, got {got}")
+    return index.to(torch.long)
 
 
 def squared_distances(first: Tensor, second: Tensor) -> Array:
@@ -351,6 +537,19 @@ def near_rows(weight: float, condition_cost: Array, sample_cost: Array) -> float
 def to_numpy(value: Tensor) -> Array:
     """A tensor as a float64 array on the CPU; shares memory if it is one already."""
     return value.detach().to("cpu", torch.float64).numpy()
+
+
+def _warn_of_copies(generator: Generator | None) -> None:
+    """Warn in a DataLoader's worker about a generator that other workers may have as well."""
+    worker = get_worker_info()
+    if generator is None or generator is _OF_A_STREAM.get():
+        return
+    if worker and generator.initial_seed() != worker.seed:
+        warnings.warn(
+            "generator: a generator made before the DataLoader's workers draws the same in each "
+            "of them; pass none, in noise as well, or seed one by get_worker_info().seed",
+            stacklevel=3,
+        )
 
 
 def _numpy_rng(generator: Generator | None) -> np.random.Generator:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -14,7 +14,19 @@ from torch import Tensor
 
 from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation
-from cotlearn.couplings.base import Array, Coupling, Index, Match, near_rows, squared_distances
+from cotlearn.couplings.base import (
+    Array,
+    Coupling,
+    Index,
+    Match,
+    Traits,
+    is_ours,
+    lent,
+    near_rows,
+    squared_distances,
+)
+from cotlearn.couplings.unheeded import warn_if_one_column_rules, warn_if_unheeded
+from cotlearn.couplings.units import OwnUnits
 
 
 @dataclass(repr=False)
@@ -29,9 +41,12 @@ class ConditionalOT(Coupling):
     (Chemseddine 2403.18705) = 1/eps (Kerrigan 2404.04240).
 
     Args:
-        condition_weight: w, at least 0, or math.inf; or "balanced", COT Policy's rule for each
-            batch: w = g^2 with g = 10 mean|x0_i - x1_j| / mean|c0_i - c_j| (distances not
-            squared), so that the condition cost is about 100 times the sample cost.
+        condition_weight: w, at least 0, or math.inf; or the name of a rule for each batch.
+            "balanced" is COT Policy's: w = g^2 with g = 10 mean|x0_i - x1_j| / mean|c0_i - c_j|
+            (distances not squared), so that the condition cost is about 100 times the sample cost.
+            "scaled" is the same rule on the columns of c in units of their own (see `OwnUnits`):
+            force, time and label then count alike. For one-hot labels and for one column without
+            outliers the two are one. Where `condition` is given, its columns are left as they are.
         label: "target" (COT Policy, C2OT): the network is given the condition of x1, which keeps
             p(x1 | c) exact and skews the prior. "source" (Chemseddine's code): it is given c0,
             which keeps the prior exact and smears the data over nearby conditions.
@@ -41,17 +56,22 @@ class ConditionalOT(Coupling):
     Raises:
         TypeError: condition is not callable; when pairing, c is None.
         ValueError: condition_weight is negative or NaN, or an option is unknown.
+
+    Warns (UserWarning) if one column of several carries nearly all of the condition cost, or if a
+    rule's pairs hardly heed a column.
     """
 
-    condition_weight: float | str = "balanced"
+    condition_weight: float | str = "scaled"
     _: KW_ONLY
     label: str = "target"
     condition: Callable[[Tensor], Tensor] | None = None
 
     name = "conditional_ot"
-    uses_ot_batch = True
-    needs_condition = True
-    rules = ("balanced",)  #: names of rules that choose a weight for each batch
+    traits = Traits(needs_condition=True, uses_ot_batch=True)
+    rules: ClassVar[tuple[str, ...]] = (
+        "scaled",
+        "balanced",
+    )  #: names of rules that choose a weight for each batch
 
     def __post_init__(self) -> None:
         weight, name = self.condition_weight, "condition_weight"
@@ -61,6 +81,8 @@ class ConditionalOT(Coupling):
         else:
             self.condition_weight = validation.check_number(weight, name, infinite=True)
         validation.check_choice(self.label, "label", ("target", "source"))
+        if self.label == "source":
+            self.traits = replace(self.traits, transformable=False)
         if self.condition is not None:
             validation.check_function(self.condition, "condition", "of c")
 
@@ -89,7 +111,12 @@ class ConditionalOT(Coupling):
             source, target = _within_classes(cost, seen, noise_condition_index, rng)
         else:
             source = np.arange(len(x0))
+            validation.check_squares(c=seen)
+            if self.condition_weight and self.condition_weight != "scaled":
+                warn_if_one_column_rules(seen)
             target = exact_permutation(self._joint_cost(x0, x1, seen, noise_condition_index))
+            if self.condition_weight in ConditionalOT.rules:  # a target ratio leaves more
+                warn_if_unheeded(seen[noise_condition_index], seen[target])
         labels = noise_condition_index[source] if self.label == "source" else None
         return Match(source, target, labels)
 
@@ -100,7 +127,7 @@ class ConditionalOT(Coupling):
         if self.condition_weight == math.inf:
             return float((cost == 0).sum(axis=1).mean())
         shuffled = np.random.default_rng(0).permutation(len(cost))  # x0 and x1 may be paired
-        return near_rows(self.weight(sample_cost, cost, shuffled), cost, sample_cost)
+        return near_rows(self._checked_weight(sample_cost, cost, shuffled), cost, sample_cost)
 
     def weight(
         self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
@@ -119,11 +146,21 @@ class ConditionalOT(Coupling):
             return 0.0
         return float((10 * np.sqrt(sample_cost).mean() / spread) ** 2)
 
+    def _checked_weight(
+        self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
+    ) -> float:
+        """What `weight` says; a user's one may be wrong, and overwrite what it is given."""
+        if is_ours(self.weight):
+            return self.weight(sample_cost, condition_cost, noise_condition_index)
+        costs = sample_cost.copy(), condition_cost.copy()
+        weight = self.weight(*costs, noise_condition_index.copy())
+        return validation.check_number(weight, "weight(...)")
+
     def _seen_of(self, c: Tensor) -> Tensor:
         """The conditions in the cost, (B, m)."""
         if self.condition is None:
-            return c
-        name, seen = "condition(c)", self.condition(validation.check_condition(c))
+            return OwnUnits.fit(c)(c) if self.condition_weight == "scaled" else c
+        name, seen = "condition(c)", self.condition(*lent(validation.check_condition(c)))
         seen = validation.check_condition(seen, name)
         validation.check_same_rows(seen, name, c, "c")
         return seen
@@ -134,7 +171,7 @@ class ConditionalOT(Coupling):
             if isinstance(self.condition_weight, str):
                 sample_cost = squared_distances(x0, x1)
                 cost = squared_distances(c[torch.from_numpy(noise_condition_index)], c)
-                weight = self.weight(sample_cost, cost, noise_condition_index)
+                weight = self._checked_weight(sample_cost, cost, noise_condition_index)
                 cost = weight * cost
                 cost += sample_cost
                 mean = float(sample_cost.mean())

@@ -4,9 +4,10 @@ The network is always given the condition itself; these functions decide what th
 Each is fitted once, on the training set, and then called as f(c) -> (n, m).
 """
 
+import copy
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, fields
 from typing import Any, Self
 
 import numpy as np
@@ -14,10 +15,13 @@ import torch
 from torch import Tensor
 
 from cotlearn import validation
-from cotlearn.couplings.base import WithOptions, to_numpy
+from cotlearn.couplings.base import WithOptions, lent, to_numpy
+from cotlearn.couplings.units import OwnUnits, tamed
 from cotlearn.datasets import Standardiser
 
+LARGEST_SEED = 2**32 - 1  #: that scikit-learn takes
 ROWS_AT_ONCE = 4096  #: rows whose distances to the centroids are held in memory at once
+LONG = 2e7  #: rows times clusters from which k-means takes more than some seconds, and says so
 
 
 def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | None = None) -> Tensor:
@@ -25,7 +29,8 @@ def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | Non
 
     The squared distance of two rows is then sum_name w_name |difference|^2 / columns. A condition
     of weight 1 contributes 2 on average, whatever its scale and number of columns (constant columns
-    do not count).
+    do not count). Values far from all others, as -9999 for a missing one, are drawn near first, and
+    columns of several scales ranked (see `OwnUnits`): else their column would hold nothing else.
 
     Args:
         conditions: name -> (n, k_name).
@@ -35,9 +40,12 @@ def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | Non
         (n, sum of all k_name).
 
     Raises:
+        TypeError: conditions or weights is no dictionary.
         ValueError: conditions is empty, their rows differ, weights has an unknown name, or a weight
             is negative.
     """
+    _check_names(conditions, "conditions")
+    _check_names({} if weights is None else weights, "weights")
     if not conditions:
         raise ValueError("conditions is empty: give at least one named condition")
     weights = {} if weights is None else weights
@@ -50,10 +58,17 @@ def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | Non
         c = validation.check_condition(c, name)
         validation.check_same_rows(c, name, first, first_name)
         weight = validation.check_number(weights.get(name, 1.0), f"weights[{name!r}]")
+        c = tamed(c)
         scaler = Standardiser.fit(c)
         varying = max(1, int((scaler.std > 0).sum()))
         parts.append(scaler(c) * math.sqrt(weight / varying))
     return torch.cat(parts, dim=1)
+
+
+def _check_names(value: Any, name: str) -> None:
+    if not isinstance(value, Mapping):
+        kind = type(value).__name__
+        raise TypeError(f"{name} must be a dictionary of names, as {{'label': ...}}, got {kind}")
 
 
 class Clusters(WithOptions):
@@ -65,11 +80,13 @@ class Clusters(WithOptions):
 
     clusters: int
     seed: int = 0
+    own = False  #: whether a coupling made them from a number: another must not get them fitted
+    fitted_to = b""  #: digest of what a coupling fitted them to; it fits others to other data
     _fitted: Mapping[str, Tensor] = {}
 
     def __post_init__(self) -> None:
         validation.check_count(self.clusters, "clusters")
-        validation.check_count(self.seed, "seed", minimum=0)
+        validation.check_count(self.seed, "seed", minimum=0, most=LARGEST_SEED)
 
     def fit(self, c: Tensor) -> Self:
         """Find the centroids of the training conditions c (n, k).
@@ -77,11 +94,12 @@ class Clusters(WithOptions):
         Raises:
             ValueError: there are more clusters than rows.
         """
-        c = validation.check_condition(c)
+        c = validation.check_condition(c).detach()  # whose graph would be kept with the centroids
         validation.check_count(self.clusters, "clusters", most=len(c), of="the {} rows of c")
-        self._fitted = self._fit(c)
-        centroids = _k_means(to_numpy(self.project(c)), self.clusters, self.seed)
-        self._fitted = {**self._fitted, "centroids": torch.from_numpy(centroids).to(c)}
+        half = copy.copy(self)  # other threads must not meet clusters that are half fitted
+        half._fitted = self._fit(c)
+        centroids = _k_means(to_numpy(half.project(c)), self.clusters, self.seed)
+        self._fitted = {**half._fitted, "centroids": torch.from_numpy(centroids).to(c)}
         return self
 
     def _fit(self, c: Tensor) -> dict[str, Tensor]:
@@ -128,7 +146,8 @@ class Clusters(WithOptions):
 class KMeansCondition(Clusters):
     """The nearest of K centroids, fitted by k-means++ to standardised conditions.
 
-    The centroids (K, k) are in standardised units.
+    The centroids (K, k) are in standardised units. Values far from all others are drawn near first,
+    and columns of several scales ranked, as in `combine`.
 
     Args:
         clusters: K, at least 1. If there are at most K distinct conditions, each is a centroid.
@@ -140,13 +159,20 @@ class KMeansCondition(Clusters):
     seed: int = 0
 
     def _fit(self, c: Tensor) -> dict[str, Tensor]:
-        scaler = Standardiser.fit(c)
-        return {"mean": scaler.mean, "std": scaler.std}
+        units = OwnUnits.fit(c)
+        near = units.tamed(c)
+        scaler = Standardiser.fit(near)
+        own = {} if near is c else vars(units)
+        return {"mean": scaler.mean, "std": scaler.std, **own}
 
     def project(self, c: Tensor) -> Tensor:
         """The standardised conditions, (n, k)."""
         mean, std = (self._ready(name).to(c.device) for name in ("mean", "std"))
-        return Standardiser(mean, std)(validation.check_condition(c, columns=len(mean)))
+        c = validation.check_condition(c, columns=len(mean))
+        if "centre" in self._fitted:
+            units = OwnUnits(**{f.name: self._fitted[f.name] for f in fields(OwnUnits)})
+            c = units.tamed(c)
+        return Standardiser(mean, std)(c)
 
 
 @dataclass(repr=False, kw_only=True)
@@ -216,12 +242,12 @@ class EmbeddedClusters(Clusters):
         validation.check_count(self.rows, "rows")
 
     def fit(self, c: Tensor) -> Self:
-        """Fit `inner` to the embedding of c (n, k)."""
+        """Fit a copy of `inner` to the embedding of c (n, k)."""
         c = validation.check_condition(c)
         if len(c) > self.rows:
             rng = torch.Generator().manual_seed(self.seed)
             c = c[torch.randperm(len(c), generator=rng)[: self.rows].to(c.device)]
-        self.inner.fit(self._embedded(c))
+        self.inner = copy.copy(self.inner).fit(self._embedded(c))
         return self
 
     def project(self, c: Tensor) -> Tensor:
@@ -239,11 +265,12 @@ class EmbeddedClusters(Clusters):
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Restore the state that `state_dict` returned."""
+        self.inner = copy.copy(self.inner)
         self.inner.load_state_dict(state)
 
     def _embedded(self, c: Tensor) -> Tensor:
         with torch.no_grad():
-            return validation.check_condition(self.embed(c), "embed(c)")
+            return validation.check_condition(self.embed(*lent(c)), "embed(c)")
 
 
 def _k_means(rows: Any, clusters: int, seed: int) -> Any:
@@ -257,4 +284,11 @@ def _k_means(rows: Any, clusters: int, seed: int) -> Any:
         rows = rows[rng.choice(len(rows), most, replace=False)]
     from sklearn.cluster import KMeans  # late: it takes a second
 
-    return KMeans(clusters, n_init=1, random_state=seed).fit(rows).cluster_centers_
+    from cotlearn.progress import progress_bar
+
+    what = f"grouping {len(rows):,} conditions into {clusters:,} clusters, once"
+    show = None if len(rows) * clusters > LONG else False
+    with progress_bar(total=1, what=what, show=show) as bar:
+        found = KMeans(clusters, n_init=1, random_state=seed).fit(rows).cluster_centers_
+        bar.update()
+    return found

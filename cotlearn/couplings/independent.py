@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Match
+from cotlearn.couplings.base import Coupling, Match, Traits
 
 
 @dataclass(repr=False)
@@ -17,7 +17,7 @@ class Independent(Coupling):
     """
 
     name = "independent"
-    solves = False
+    traits = Traits(solves=False)
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Pair row i with row i."""

@@ -6,7 +6,7 @@ import numpy as np
 from torch import Tensor
 
 from cotlearn.couplings.assignment import draw_pairs, exact_permutation, sinkhorn_plan
-from cotlearn.couplings.base import Coupling, Match, squared_distances
+from cotlearn.couplings.base import Coupling, Match, Traits, squared_distances
 from cotlearn.validation import check_choice, check_positive
 
 
@@ -33,7 +33,7 @@ class MinibatchOT(Coupling):
     regularization: float = 0.05
 
     name = "minibatch_ot"
-    uses_ot_batch = True
+    traits = Traits(uses_ot_batch=True)
 
     def __post_init__(self) -> None:
         check_choice(self.plan, "plan", ("exact", "sinkhorn"))

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import warnings
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Match, Pairs, Source, draw_noise, generator_for
+from cotlearn.couplings.base import Coupling, Match, Pairs, Source, Traits, draw_noise
 from cotlearn.couplings.conditional import warn_if_imprecise
 from cotlearn.couplings.conditions import KMeansCondition
+from cotlearn.couplings.unheeded import warn_if_one_column_rules
 from cotlearn.progress import progress_bar
+from cotlearn.randomness import Purpose, generator_for
 from cotlearn.validation import check_condition, check_count, check_matrix, check_number
 
 UNCONVERGED = 0.1  #: excess of the marginal error over its floor that causes a warning
@@ -23,6 +26,8 @@ FEWEST_STEPS = 500  #: least number of steps of a fit, for small data sets
 LARGEST_SEARCH = 1e11  #: most costs that a fit evaluates by default
 FIRST_STEP, LAST_STEP = 0.05, 0.1  #: shares of the spread of costs and of neighbours' costs
 HEIGHTS_AT_ONCE, POINTS_AT_ONCE = 300_000, 4096  #: block sizes that fit the processor's cache
+OFFSET = 1000.0  #: deviations of x1 from 0 above which its mean is subtracted, else squares round
+FAR_OFF = 3.0  #: deviations of x1 between its mean and the noise's from which the fit starts there
 AVERAGED = 0.3  #: share of the steps, at the end, over which the potential is averaged
 
 
@@ -72,15 +77,15 @@ class SemidiscreteOT(Coupling):
     iterations: int | None = None
 
     name = "semidiscrete"
-    whole_data = True
-    transformable = False
+    traits = Traits(whole_data=True, transformable=False)
 
     def __post_init__(self) -> None:
         self.condition_weight = check_number(self.condition_weight, "condition_weight")
         for name in ("clusters", "iterations"):
             if getattr(self, name) is not None:
                 check_count(getattr(self, name), name)
-        self.needs_condition = bool(self.condition_weight or self.clusters)
+        if self.condition_weight or self.clusters:
+            self.traits = replace(self.traits, needs_condition=True)
         self.marginal_error = self.marginal_floor = math.nan
         self._points: _Points | None = None  # the data that phi was fitted to
         self._source: tuple[Source | None, ...] = ()  # the noise of the fit, if it is known
@@ -106,7 +111,15 @@ class SemidiscreteOT(Coupling):
         """
         check_matrix(x1, "x1")
         self._check_condition(c, x1, "x1")
-        points = self._points = _Points(self, x1, c)
+        self._fit(x1, c, source, progress)
+        return self
+
+    def _fit(
+        self, x1: Tensor, c: Tensor | None, source: Source | None, progress: bool | None
+    ) -> _Points:
+        """The data with the fitted potential, which is kept as well."""
+        points = _Points(self, x1, c)
+        points.start_near(source)
         n = len(x1)
         iterations, batch_size = _effort([len(group) for group in points.groups])
         iterations = self.iterations or iterations
@@ -115,7 +128,7 @@ class SemidiscreteOT(Coupling):
         average = points.phi
         with progress_bar(total=iterations, what="potentials", show=progress) as bar:
             for step in range(iterations):
-                rng = generator_for(0, step, purpose=4)
+                rng = generator_for(0, step, Purpose.POTENTIAL)
                 _, chosen = points.draw(batch_size, source, rng)
                 rate = first * (last / first) ** (step / iterations)
                 excess = batch_size / n - torch.bincount(chosen, minlength=n)
@@ -123,25 +136,27 @@ class SemidiscreteOT(Coupling):
                 averaged = 1 + max(0, step - int((1 - AVERAGED) * iterations))
                 average = average + (points.phi - average) / averaged
                 bar.update()
-        points.phi, self._source = average, (source,)
+        points.phi = average
+        self._points, self._source = points, (source,)
         self.marginal_error, self.marginal_floor = self._marginal(points, source)
         if self.marginal_error > self.marginal_floor + UNCONVERGED:
             warnings.warn(
                 f"the potential has not converged: marginal_error is {self.marginal_error:.2f} "
-                f"(exact: {self.marginal_floor:.2f}); raise iterations above {iterations}",
+                f"(exact: {self.marginal_floor:.2f}); raise iterations above {iterations}, or "
+                "bring x1 and the noise to like scales",
                 RuntimeWarning,
-                stacklevel=2,
+                stacklevel=3,
             )
-        return self
+        return points
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
         """Data rows in the cluster; with a condition weight, only those with near conditions."""
         if self._points is None:
             return 1.0
         sizes = torch.tensor([float(len(group)) for group in self._points.groups])
-        rng, c = generator_for(0, 0, purpose=9), self._points.scaled_c
+        rng, c = generator_for(0, 0, Purpose.NEIGHBOURS), self._points.scaled_c
         some = c[torch.randperm(len(c), generator=rng)[:512]]
-        mean = torch.cdist(x0.double(), x1.double()).square().mean()
+        mean = _distances(x0.double(), x1.double()).square().mean()
         near = torch.cdist(some, some).square() <= mean.cpu()
         return float((sizes**2).sum() / sizes.sum() * near.double().mean())
 
@@ -151,10 +166,12 @@ class SemidiscreteOT(Coupling):
         Row i of the noise has the condition of row i. Rows can be chosen more than once: for
         training use `stream` with the whole data set.
         """
-        if self._points is None or not self._points.are(x1, c):
-            self.fit(x1, c, progress=False)
-        rows, points = torch.arange(len(x0)), cast(_Points, self._points)
-        return Match(rows.numpy(), points.search(x0.to("cpu", torch.float32), rows).numpy())
+        rows, points = torch.arange(len(x0)), self._points
+        if points is None or not points.are(x1, c):
+            points = self._fit(x1, c, None, progress=False)
+        found = points.search(x0.to(points.x1), rows)
+        luck = torch.Generator().manual_seed(int(rng.integers(2**62)))
+        return Match(rows.numpy(), points.spread(found, luck).numpy())
 
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """Fit the potential unless it was fitted to these data and this noise."""
@@ -162,6 +179,13 @@ class SemidiscreteOT(Coupling):
         fitted = self._points is not None and self._points.are(data.x1, data.c)
         if not fitted or self._source not in ((), (source,)):
             self.fit(data.x1, data.c, source=source)
+
+    def prepared(
+        self, data: Any, source: Source | None, generator: torch.Generator
+    ) -> SemidiscreteOT:
+        """A copy that keeps its potential, whatever other streams and calls need."""
+        self.prepare(data, source, generator)
+        return copy.copy(self)
 
     def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
         """Draw noise, each row with the condition of a random data row, and pair it."""
@@ -171,9 +195,10 @@ class SemidiscreteOT(Coupling):
 
     def _steps(self, points: _Points, source: Source | None) -> tuple[float, float]:
         """First and last step size: how far one draw lowers the potential of the chosen row."""
-        rng = generator_for(0, 0, purpose=5)
+        rng = generator_for(0, 0, Purpose.STEP_SIZE)
         x1 = points.x1[torch.randint(len(points.x1), (256,), generator=rng)]
-        cost = torch.cdist(draw_noise(x1, source, rng), x1).square()
+        noise = draw_noise(x1, source, rng).double()
+        cost = _distances(noise, x1.double() - points.move).square()
         largest = float(points.scaled_c.square().sum(dim=1).max())
         warn_if_imprecise(float(cost.mean()), largest, 1, self.condition_weight)
         first = FIRST_STEP * float(cost.std())
@@ -187,7 +212,7 @@ class SemidiscreteOT(Coupling):
         """Total variation distance to the uniform marginal, and its floor for as many draws."""
         n = len(points.x1)
         draws = min(max(20 * n, 20_000), 400_000)
-        rng = generator_for(0, 0, purpose=6)
+        rng = generator_for(0, 0, Purpose.MARGINAL)
         counts = torch.zeros(n)
         for part in torch.arange(draws).split(4096):
             chosen = points.draw(len(part), source, rng)[1]
@@ -217,8 +242,9 @@ class _Points:
     """The data set in the form that is searched: rows (x1, sqrt(w) c) in float64, by cluster.
 
     Attributes:
-        x1: (N, d), float32.
-        c: (N, k), float32; k = 0 without conditions.
+        x1: (N, d), float32, or float64 if it came so.
+        c: (N, k), likewise; k = 0 without conditions.
+        centre: (d,), subtracted from x1 and noise, which changes no distance; 0 if x1 is near 0.
         scaled_c: (N, k), sqrt(w) (c - mean of c), float64; k = 0 if w = 0.
         groups: the rows of each cluster.
         phi: (N,), the dual potential.
@@ -226,11 +252,15 @@ class _Points:
 
     def __init__(self, coupling: SemidiscreteOT, x1: Tensor, c: Tensor | None) -> None:
         n, weight = len(x1), coupling.condition_weight
-        self.x1 = x1.detach().to("cpu", torch.float32)
-        self.c = self.x1[:, :0] if c is None else check_condition(c).detach().to(self.x1)
+        self.x1 = _kept(x1)
+        self.c = self.x1[:, :0] if c is None else _kept(check_condition(c))
+        mean, deviation = self.x1.double().mean(dim=0), self.x1.double().std(dim=0, unbiased=False)
+        self.centre = torch.where(mean.abs() > OFFSET * deviation, mean, 0.0)
         centred = (self.c - self.c.mean(dim=0)).double()
         self.scaled_c = math.sqrt(weight) * centred if weight else centred[:, :0]
-        self.phi = torch.zeros(n, dtype=torch.float64)
+        if weight:
+            warn_if_one_column_rules(centred)
+        self.phi, self.move = torch.zeros(n, dtype=torch.float64), torch.zeros(())
         self.label = torch.zeros(n, dtype=torch.long)
         if coupling.clusters is not None:
             self.label = KMeansCondition(coupling.clusters).fit(self.c).labels(self.c)
@@ -239,21 +269,49 @@ class _Points:
         rows = self.features(self.x1, torch.arange(n))
         self._rows = [rows[group] for group in self.groups]
         self._squares = [part.square().sum(dim=1) for part in self._rows]
+        seen = torch.cat([self.x1, self.c], dim=1) if weight else self.x1
+        self._copies = _copies(seen, self.label)
+
+    def start_near(self, source: Source | None) -> None:
+        """Begin at the potential that moves x1 to the noise, if it lies far off.
+
+        A shift m of x1 changes costs by a number for each noise row and 2 m x1_j, so that it
+        changes no optimal pairing.
+        """
+        rows = self.x1.double()
+        noise = torch.zeros(())
+        if source is not None:
+            rng = generator_for(0, 1, Purpose.STEP_SIZE)
+            noise = draw_noise(self.x1[:4096], source, rng).double().mean(dim=0)
+        move = rows.mean(dim=0) - noise
+        if move.norm() <= FAR_OFF * rows.var(dim=0, unbiased=False).sum().sqrt():
+            return
+        self.phi, self.move = 2 * (rows - rows.mean(dim=0)) @ move, move
+
+    def spread(self, chosen: Tensor, rng: torch.Generator) -> Tensor:
+        """The chosen rows (n,), each of equal rows as often: a search always finds the first."""
+        if self._copies is None:
+            return chosen
+        kind, order, first, count = self._copies
+        mine = kind[chosen]
+        place = (torch.rand(len(chosen), generator=rng, dtype=torch.float64) * count[mine]).long()
+        return order[first[mine] + place]
 
     def are(self, x1: Tensor, c: Tensor | None) -> bool:
         """Whether these are the points of x1 (N, d) and c (N, k)."""
         c = x1[:, :0] if c is None else check_condition(c)
-        return torch.equal(self.x1, x1.to(self.x1)) and torch.equal(self.c, c.to(self.c))
+        same = zip((self.x1, self.c), (_kept(x1), _kept(c)), strict=True)
+        return all(own.dtype == new.dtype and torch.equal(own, new) for own, new in same)
 
     def features(self, x: Tensor, own: Tensor) -> Tensor:
         """(x, sqrt(w) c[own]): its squared distance is the cost; float64, as w may be large."""
-        return torch.cat([x.double(), self.scaled_c[own]], dim=1)
+        return torch.cat([x.double() - self.centre, self.scaled_c[own]], dim=1)
 
     def draw(self, n: int, source: Source | None, rng: torch.Generator) -> tuple[Tensor, Tensor]:
         """Draw noise (n, d) with the conditions of random rows, and find its data rows (n,)."""
         own = torch.randint(len(self.x1), (n,), generator=rng)
         x0 = draw_noise(self.x1[own], source, rng)
-        return x0, self.search(x0, own)
+        return x0, self.spread(self.search(x0, own), rng)
 
     def search(self, x0: Tensor, own: Tensor) -> Tensor:
         """The data row that each (x0, c[own]) is paired with, (n,)."""
@@ -272,10 +330,29 @@ class _Points:
         features, gaps = self.features(x, torch.arange(len(x))), []
         for group in self.groups:
             some = torch.randperm(len(group), generator=rng)[: 1 + 256 // len(self.groups)]
-            distance = torch.cdist(features[group[some]], features[group])
+            distance = _distances(features[group[some]], features[group])
             distance[distance <= 0] = math.inf  # the row itself and its duplicates
             gaps.append(distance.min(dim=1).values)
         return float(torch.cat(gaps).median())
+
+
+def _kept(x: Tensor) -> Tensor:
+    """X on the CPU without its graph; float32, or float64 if it came so."""
+    return x.detach().to("cpu", torch.promote_types(x.dtype, torch.float32))
+
+
+def _distances(first: Tensor, second: Tensor) -> Tensor:
+    """|a_i - b_j|, also of rows that lie far from 0 and near each other."""
+    return torch.cdist(first, second, compute_mode="donot_use_mm_for_euclid_dist")
+
+
+def _copies(rows: Tensor, label: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor] | None:
+    """Which rows (n, m) of a cluster are equal: kind of each row; rows by kind, first, number."""
+    marked = torch.cat([rows.double(), label[:, None].double()], dim=1)
+    _, kind, count = torch.unique(marked, dim=0, return_inverse=True, return_counts=True)
+    if len(count) == len(rows):
+        return None
+    return kind, kind.argsort(stable=True), count.cumsum(0) - count, count
 
 
 def _effort(sizes: list[int]) -> tuple[int, int]:

@@ -1,6 +1,11 @@
 """Stratified OT: one exact assignment per condition cluster and epoch."""
 
+from __future__ import annotations
+
+import copy
+import itertools
 import warnings
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
@@ -11,12 +16,26 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from cotlearn.couplings.assignment import exact_permutation
-from cotlearn.couplings.base import Coupling, Last, Match, Source, squared_distances, to_numpy
+from cotlearn.couplings.base import (
+    Coupling,
+    Last,
+    Match,
+    Source,
+    Traits,
+    content_of,
+    squared_distances,
+    to_numpy,
+)
 from cotlearn.couplings.conditions import Clusters, KMeansCondition
+from cotlearn.couplings.unheeded import warn_if_unresolved
 from cotlearn.validation import check_count
 
 Array = NDArray[Any]
 
+FITTED_TO = "fitted_to"  #: name of the digest in a checkpoint
+MANY = 1000  #: rows from which it is said that conditions have few rows each
+FEW = 8  #: rows of a condition on average, below which it is said
+TINY = 4  #: rows up to which all permutations are tried, of all such clusters at once
 LARGEST_SOLVE = 4096  #: most rows of an assignment, which then takes seconds and 0.3 GB
 
 
@@ -33,9 +52,10 @@ class StratifiedOT(Coupling):
     clusters of the rows of the batch alone, and says so once (UserWarning).
 
     Args:
-        clusters: K, for k-means on the standardised conditions, fitted anew to the data of each
-            stream; or a `KMeansCondition`, `PCAKMeansCondition` or `EmbeddedClusters`, fitted or
-            not; or None, for one cluster per distinct condition.
+        clusters: K, for k-means on the standardised conditions, fitted to the data of each stream,
+            which keeps its own, and to the rows of each call; or a `KMeansCondition`,
+            `PCAKMeansCondition` or `EmbeddedClusters`, which stays as it is if it comes fitted; or
+            None, for one cluster per distinct condition.
         residual: pair x0 with the residuals of a linear regression of x1 on c in the cluster. Where
             x1 depends linearly on c inside a cluster, x0 then does not, and paths are straightened
             as much. This changes which rows are paired, not x1 itself.
@@ -46,6 +66,8 @@ class StratifiedOT(Coupling):
     Raises:
         TypeError: the data are endless and n_samples is None, or there is no condition.
         ValueError: there are more clusters than rows, or rows_per_solve is out of range.
+
+    Warns (UserWarning) if k-means tells apart most columns of c, but hardly one of them.
     """
 
     clusters: Any = None  # int | Clusters | None
@@ -55,58 +77,89 @@ class StratifiedOT(Coupling):
     n_samples: int | None = None
 
     name = "stratified"
-    needs_condition = True
-    whole_data = True
+    traits = Traits(needs_condition=True, whole_data=True)
 
     def __post_init__(self) -> None:
-        self._refit = self.clusters is not None and not isinstance(self.clusters, Clusters)
-        if self._refit:
-            self.clusters = KMeansCondition(self.clusters)
+        given = self.clusters
+        if given is not None and (not isinstance(given, Clusters) or given.own):
+            # `dataclasses.replace` passes the clusters of the coupling that this one replaces
+            self.clusters = KMeansCondition(getattr(given, "clusters", given))
+            self.clusters.own = True
         if not isinstance(self.residual, bool):
             raise TypeError(f"residual must be True or False, got {self.residual!r}")
         self.name = "residual" if self.residual else self.name
         check_count(self.rows_per_solve, "rows_per_solve", minimum=2, most=LARGEST_SOLVE)
         if self.n_samples is not None:
             check_count(self.n_samples, "n_samples")
-        self._last, self._streams = Last(), False
+        self._last = self._shown = Last()  # `candidates` reads the second
+        self._of_a_stream = self._warned = False
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
         """Pair within the clusters of c; row i of the noise has the cluster of c_i."""
-        if not self._streams:
-            self._streams = True
+        if not (self._of_a_stream or self._warned):
+            self._warned = True
             warnings.warn(
                 f"StratifiedOT was called with {len(x0)} rows: its clusters are theirs, not those "
                 "of a data set; if this is a batch, take batches from stream(Dataset(x1, c), "
                 "batch_size=...), or use ConditionalOT",
-                stacklevel=3,
+                stacklevel=4,
             )
+        self._shown = self._last
         label, paired = self._last(self._clustered, x1, c)
-        target = np.empty(len(x0), dtype=np.int64)
+        target = np.arange(len(x0))
+        tiny: dict[int, list[Array]] = defaultdict(list)
         for rows in self._solves(label, rng):
+            if len(rows) <= TINY:
+                tiny[len(rows)].append(rows)
+                continue
             some = torch.from_numpy(rows)
             target[rows] = rows[exact_permutation(squared_distances(x0[some], paired[some]))]
+        for same_size in tiny.values():
+            groups = np.array(same_size)
+            target[groups] = _permuted(groups, to_numpy(x0), to_numpy(paired))
         return Match(np.arange(len(x0)), target)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
         """Rows that were assigned together in the last epoch: a cluster or a part of it."""
-        if self._last.value is None:
+        last = self._shown.value
+        if last is None:
             return 1.0
-        _, sizes = np.unique(self._last.value[0], return_counts=True)
+        _, sizes = np.unique(last[0], return_counts=True)
         solved = sizes / np.ceil(sizes / self.rows_per_solve)
         return float(np.average(solved, weights=sizes))
 
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """Fit the clusters to the training conditions; clusters that came fitted are kept."""
-        if self.clusters is None or (self.clusters.state_dict() and not self._refit):
-            return
-        _, c = self.draw(data, self.n_samples or 0, generator)
-        if c is not None:  # else the first batch raises
-            self.clusters.fit(c)
-            self._last = Last()
+        if self.clusters is not None:
+            _, c = self.draw(data, self.n_samples or 0, generator)
+            if c is not None:  # else the first batch raises
+                self._clusters_of(c)
+
+    def prepared(
+        self, data: Any, source: Source | None, generator: torch.Generator
+    ) -> StratifiedOT:
+        """A copy that keeps its clusters, whatever other streams and calls need."""
+        self.prepare(data, source, generator)
+        own = copy.copy(self)
+        own._of_a_stream, own._last = True, Last()
+        self._shown = own._last
+        return own
+
+    def _clusters_of(self, c: Tensor) -> Clusters:
+        """The clusters if they came fitted or were fitted to c (n, k), else a copy fitted to it."""
+        clusters: Clusters = self.clusters
+        came_fitted = clusters.state_dict() and not clusters.fitted_to
+        if came_fitted or clusters.fitted_to == (content := content_of(c)):
+            return clusters
+        clusters = copy.copy(clusters).fit(c)
+        clusters.fitted_to = content
+        if isinstance(clusters, KMeansCondition):
+            warn_if_unresolved(clusters.project(c), clusters.labels(c))
+        self.clusters = clusters
+        return clusters
 
     def epoch_rows(self, data: Any) -> int:
         """Rows that are paired at once: all the data, or n_samples."""
-        self._streams = True
         if self.n_samples is None:
             self._check_finite(data)
         return self.n_samples or len(data)
@@ -121,10 +174,16 @@ class StratifiedOT(Coupling):
         """The cluster of each row, (N,), and x1 or its residuals, (N, d)."""
         if self.clusters is None:
             label = torch.unique(c, dim=0, return_inverse=True)[1]
+            if len(c) >= MANY and FEW * int(label.max() + 1) > len(c):
+                warnings.warn(
+                    f"clusters is None, and {int(label.max() + 1)} of {len(c)} conditions differ: "
+                    "rows have few candidates, and those without an equal are paired at random; "
+                    "give a number of clusters",
+                    stacklevel=6,
+                )
         else:
-            if not self.clusters.state_dict():
-                self.clusters.fit(c)
-            label = self.clusters.labels(c)
+            clusters = self.clusters if self._of_a_stream else self._clusters_of(c)
+            label = clusters.labels(c)
         numbers = label.cpu().numpy()
         if not self.residual:
             return numbers, x1
@@ -136,24 +195,50 @@ class StratifiedOT(Coupling):
 
     def _solves(self, label: Array, rng: np.random.Generator) -> Iterator[Array]:
         """The rows of each assignment: clusters, the large ones cut evenly at random."""
-        for rows in _groups(rng.permutation(len(label)), label):
-            yield from np.array_split(rows, -(-len(rows) // self.rows_per_solve))
+        order, alone = rng.permutation(len(label)), np.bincount(label)[label] == 1
+        for rows in _groups(order[~alone[order]], label) if not alone.all() else ():
+            if len(rows) <= self.rows_per_solve:
+                yield rows
+            else:
+                yield from np.array_split(rows, -(-len(rows) // self.rows_per_solve))
 
     def state_dict(self) -> dict[str, Tensor]:
-        """The fitted clusters."""
-        return {} if self.clusters is None else self.clusters.state_dict()
+        """The fitted clusters, and a digest of what they were fitted to."""
+        if self.clusters is None:
+            return {}
+        state: dict[str, Tensor] = self.clusters.state_dict()
+        if not self.clusters.fitted_to:
+            return state
+        fitted_to = torch.tensor(list(self.clusters.fitted_to), dtype=torch.uint8)
+        return {**state, FITTED_TO: fitted_to}
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Restore the state that `state_dict` returned."""
         if self.clusters is not None and state:
-            self.clusters.load_state_dict(state)
-            self._refit, self._last = False, Last()
+            clusters = copy.copy(self.clusters)
+            clusters.load_state_dict({k: v for k, v in state.items() if k != FITTED_TO})
+            clusters.fitted_to = bytes(state.get(FITTED_TO, torch.empty(0)).tolist())
+            self.clusters, self._last = clusters, Last()
 
 
 def _groups(rows: Array, label: Array) -> list[Array]:
     """The rows of each label, in the given order."""
     by_label = rows[np.argsort(label[rows], kind="stable")]
     return np.split(by_label, np.flatnonzero(np.diff(label[by_label])) + 1)
+
+
+def _permuted(groups: Array, x0: Array, x1: Array) -> Array:
+    """The rows of x1 (N, d) for the rows of x0 (N, d) in each of the groups (G, n), by trying all.
+
+    The sum of squared distances is least where that of the inner products is greatest, and x1 may
+    be shifted.
+    """
+    some = x1[groups]
+    some = some - some.mean(axis=1, keepdims=True)
+    alike = np.einsum("gid,gjd->gij", x0[groups], some)
+    orders = np.array(list(itertools.permutations(range(groups.shape[1]))))
+    gains = alike[:, np.arange(groups.shape[1]), orders].sum(axis=2)
+    return np.take_along_axis(groups, orders[gains.argmax(axis=1)], axis=1)
 
 
 def residuals(y: Array, z: Array) -> Array:

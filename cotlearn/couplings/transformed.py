@@ -1,5 +1,8 @@
 """Couplings of transformed data: in a frame given by the condition, or as residuals."""
 
+from __future__ import annotations
+
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,15 +11,24 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Last, Match, Pairs, WithOptions, check_like
-from cotlearn.validation import check_function, check_has
+from cotlearn.couplings.base import (
+    Coupling,
+    Last,
+    Match,
+    Pairs,
+    Source,
+    WithOptions,
+    check_like,
+    lent,
+)
+from cotlearn.validation import check_condition, check_function, check_has
+
+LARGE = 2048  #: rows from which transformed values are kept for the next epoch
+LOOKED_AT = 256  #: rows by which a change of the transform is seen
+UNCHANGED = 1e-4  #: largest difference of values that count as equal, as a share of the largest
 
 Transform = Callable[[Tensor, Tensor], Tensor]
 OfCondition = Callable[[Tensor], Tensor]
-
-# Attributes that `Transformed` takes from the inner coupling.
-FLAGS = ("name", "solves", "uses_ot_batch", "whole_data")
-METHODS = ("prepare", "epoch_rows", "draw", "state_dict", "load_state_dict")
 
 
 @dataclass(repr=False)
@@ -36,7 +48,7 @@ class Transformed(Coupling):
     - A conditional mean: see `centred`.
 
     Args:
-        coupling: the inner coupling; its `name`, flags and state are used. It must not use a
+        coupling: the inner coupling; its `name`, traits and state are used. It must not use a
             network or a teacher, which expect the original x, nor label pairs by their source.
         forward: maps x1 (B, d) and c (B, k) to the values that are paired, (B, d).
         inverse: maps noise (B, d) and c from the frame back; if None, noise is not transformed.
@@ -52,11 +64,9 @@ class Transformed(Coupling):
     forward: Transform
     inverse: Transform | None = None
 
-    needs_condition = True
-
     def __post_init__(self) -> None:
-        inner = check_has(self.coupling, "coupling", "a Coupling", "transformable")
-        if not inner.transformable or getattr(inner, "label", "target") != "target":
+        inner = check_has(self.coupling, "coupling", "a Coupling", "traits")
+        if not inner.traits.transformable:
             raise ValueError(
                 "coupling must choose rows of a batch by x1 and c alone, and label them by their "
                 f"data: not a network's or teacher's, nor SemidiscreteOT; got {inner!r}"
@@ -64,8 +74,7 @@ class Transformed(Coupling):
         check_function(self.forward, "forward", "(x, c) -> x")
         if self.inverse is not None:
             check_function(self.inverse, "inverse", "(x, c) -> x")
-        for name in (*FLAGS, *METHODS):
-            setattr(self, name, getattr(inner, name))
+        self.name, self.traits = inner.name, replace(inner.traits, needs_condition=True)
         self._last = Last()
 
     def __call__(
@@ -79,12 +88,53 @@ class Transformed(Coupling):
         pairs = super().__call__(x0, x1, c, generator)
         if self.inverse is None or pairs.c is None:
             return pairs
-        return replace(pairs, x0=self._apply("inverse", pairs.x0, pairs.c))
+        return replace(pairs, x0=self._apply("inverse", pairs.x0, check_condition(pairs.c)))
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
         """Match noise and transformed data by the inner coupling."""
-        seen = self._last(lambda x1, c: self._apply("forward", x1, c), x1, c)
-        return self.coupling.match(x0, seen, c, rng)
+        seen = self._seen(x1, c)
+        return self.coupling.matched(x0, seen, c, rng)
+
+    def _seen(self, x1: Tensor, c: Tensor) -> Tensor:
+        """Forward(x1, c); of a data set the last one, unless a few rows show that it changed."""
+        if len(x1) < LARGE:
+            return self._apply("forward", x1, c)
+        some = slice(None, None, len(x1) // LOOKED_AT)
+        now = self._apply("forward", x1[some], c[some])
+        seen: Tensor = self._last(lambda x1, c: self._apply("forward", x1, c), x1, c)
+        if (now - seen[some]).abs().max() > UNCHANGED * now.abs().max():  # a mean that learns
+            self._last = Last()
+            seen = self._last(lambda x1, c: self._apply("forward", x1, c), x1, c)
+        return seen
+
+    def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
+        """Prepare the inner coupling."""
+        self.coupling.prepare(data, source, generator)
+
+    def prepared(self, data: Any, source: Source | None, generator: torch.Generator) -> Transformed:
+        """A copy around what pairs the batches of the inner coupling's stream."""
+        own = copy.copy(self)
+        own.coupling, own._last = self.coupling.prepared(data, source, generator), Last()
+        return own
+
+    def _last_turn(self) -> object:
+        return self.coupling._last_turn()
+
+    def epoch_rows(self, data: Any) -> int:
+        """The rows of an epoch of the inner coupling."""
+        return self.coupling.epoch_rows(data)
+
+    def draw(self, data: Any, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor | None]:
+        """Draw rows as the inner coupling does."""
+        return self.coupling.draw(data, n, generator)
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The state of the inner coupling."""
+        return self.coupling.state_dict()
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Restore the state of the inner coupling."""
+        self.coupling.load_state_dict(state)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Any = None) -> float:
         """The candidates of the inner coupling, for noise x0 as `stream` yields it."""
@@ -93,7 +143,7 @@ class Transformed(Coupling):
 
     def _apply(self, name: str, x: Tensor, c: Tensor) -> Tensor:
         with torch.no_grad():
-            values = check_like(getattr(self, name)(x, c), f"{name}(x, c)", x)
+            values = check_like(getattr(self, name)(*lent(x, c)), f"{name}(x, c)", x)
         if self.inverse is None:
             return values
         before, after = x.double().norm(dim=1), values.double().norm(dim=1)
@@ -152,10 +202,10 @@ class Residual(WithOptions):
 
     def __call__(self, x1: Tensor, c: Tensor) -> Tensor:
         """The residuals (B, d) of data (B, d)."""
-        residual = x1 - check_like(self.mean(c), "mean(c)", x1).to(x1)
+        residual = x1 - check_like(self.mean(*lent(c)), "mean(c)", x1).to(x1)
         if self.spread is None:
             return residual
-        spread = self.spread(c)
+        spread = self.spread(*lent(c))
         check_like(spread, "spread(c)", x1[:, :1] if np.shape(spread)[1:] == (1,) else x1)
         if not (spread > 0).all():
             raise ValueError(f"spread must be positive, got {float(spread.min()):.3g}")

@@ -1,15 +1,19 @@
 """Diagnostics of a trained network: the cost of fresh noise, and the sources of its error."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from cotlearn import metrics
-from cotlearn.couplings.base import Coupling, Sampler, generator_for
+from cotlearn.couplings.base import Array, Coupling, Pairs, Sampler, to_numpy
+from cotlearn.diagnostics.skew import MOST_ROWS, nearest, unit_variance
 from cotlearn.flows.matching import Velocity
 from cotlearn.flows.solvers import integrate, sampler
-from cotlearn.validation import check_count, check_function, check_has
+from cotlearn.randomness import Purpose, generator_for
+from cotlearn.validation import check_count, check_function, check_has, check_seed
 
 FINE = 128  #: Euler steps that stand for the exact solution
 
@@ -22,7 +26,7 @@ class DeploymentGap:
         coupled: mean error with noise from the coupling, as in training.
         fresh: mean error with fresh noise, as at test time.
         gap: fresh - coupled; about 0 without prior skew.
-        gap_interval: 95 % bootstrap interval over repetitions.
+        gap_interval: 95 % interval over repetitions, Student's for fewer than ten.
     """
 
     coupled: float
@@ -36,6 +40,7 @@ def deployment_gap(
     data: Sampler,
     coupling: Coupling,
     *,
+    held_out: Any = None,
     nfe: int = 1,
     n: int = 512,
     repetitions: int = 8,
@@ -43,15 +48,19 @@ def deployment_gap(
 ) -> DeploymentGap:
     """Compare a network's error with noise from its coupling to its error with fresh noise.
 
-    Both samples are compared with fresh data of the same conditions, jointly with c (whose distance
-    weighs 100 times the sample's). The fresh noise is the coupled noise, shuffled. If the data
-    cannot draw x1 given c, or every condition occurs only once, the samples are compared with the
-    x1 of the pairs, and `coupled` is too small by up to the sampling floor.
+    Both samples are compared with data of the same conditions, jointly with c (whose distance
+    weighs 100 times the sample's). These data must not know the noise: of stored rows, as in a
+    `Dataset`, each pair is given the x1 of the row outside its batch with the nearest condition;
+    other data draw x1 given c. The x1 of the pair itself was chosen for its noise, and a network
+    that has learned this would seem to be harmed by fresh noise also where p(x0 | c) is not
+    skewed. The fresh noise is the coupled noise, shuffled.
 
     Args:
         network: the trained velocity field.
-        data: the training data, or held-out data.
+        data: the training data, or held-out data: rows `x1` and `c`, or with `sample_given`.
         coupling: the coupling that the network was trained with.
+        held_out: data to compare with, if not `data`: needed where rows of `data` repeat one
+            another, as windows of one episode do.
         nfe: Euler steps.
         n: pairs in each repetition, at least 100.
         repetitions: at least 2.
@@ -62,7 +71,7 @@ def deployment_gap(
         ValueError: n or repetitions is too small.
     """
     check_count(n, "n", minimum=100)
-    check_count(seed, "seed", minimum=0)
+    check_seed(seed)
     check_count(repetitions, "repetitions", minimum=2)
     check_has(coupling, "coupling", "a coupling such as Independent()", "stream")
     stream = coupling.stream(data, batch_size=n, generator=torch.Generator().manual_seed(seed))
@@ -71,10 +80,9 @@ def deployment_gap(
         pairs = next(stream)
         if pairs.c is None:
             raise TypeError("deployment_gap needs data with a condition c, got None")
-        shuffle = torch.randperm(n, generator=generator_for(seed, number, purpose=10))
-        truth = pairs.x1
-        if hasattr(data, "sample_given"):  # drawn independently of the pairs' noise
-            truth = data.sample_given(pairs.c, generator=generator_for(seed, number, purpose=12))
+        shuffle = torch.randperm(n, generator=generator_for(seed, number, Purpose.SHUFFLED_NOISE))
+        rng = generator_for(seed, number, Purpose.TRUTH)
+        truth = _unpaired(data if held_out is None else held_out, pairs, rng)
         for k, x0 in enumerate((pairs.x0, pairs.x0[shuffle])):
             made = integrate(network, x0, pairs.c, nfe=nfe).x1
             errors[number, k] = metrics.joint_squared_w2(made, truth, pairs.c)
@@ -82,6 +90,45 @@ def deployment_gap(
     gaps = errors[:, 1] - errors[:, 0]
     interval = metrics.bootstrap_interval(gaps, seed=seed)
     return DeploymentGap(coupled, fresh, float(gaps.mean()), interval)
+
+
+def _unpaired(data: Any, pairs: Pairs, generator: torch.Generator) -> Tensor:
+    """Data (n, d) for the conditions of the pairs that know nothing of the pairs' noise."""
+    assert pairs.c is not None
+    if not hasattr(data, "x1") and hasattr(data, "sample_given"):
+        drawn: Tensor = data.sample_given(pairs.c, generator=generator)
+        return drawn
+    x1, c = _others(data, pairs, generator)
+    # Labels and numbers alike: of rows that are equally near one is drawn.
+    ties = [1e-6 * torch.rand(len(some), 1, generator=generator) for some in (c, pairs.c)]
+    places, wanted = (
+        np.hstack([unit_variance(to_numpy(some), to_numpy(c)), to_numpy(tie)])
+        for some, tie in zip((c, pairs.c), ties, strict=True)
+    )
+    return x1[torch.from_numpy(nearest(places, 1, of=wanted)[:, 0])]
+
+
+def _others(data: Any, pairs: Pairs, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Rows of the data that are not among the pairs: those know each other's noise, too."""
+    if hasattr(data, "x1"):
+        rows = torch.randperm(len(data.x1), generator=generator)[:MOST_ROWS]
+        x1, c = data.x1[rows], data.c[rows]
+    else:
+        x1, c = data.sample(MOST_ROWS, generator=generator)
+    paired = {row.tobytes() for row in _rows(pairs.x1, pairs.c)}
+    apart = torch.tensor([row.tobytes() not in paired for row in _rows(x1, c)])
+    if apart.sum() < len(pairs.x1) / 2:
+        raise ValueError(
+            f"n must leave rows of the data to compare with, got {len(pairs.x1)} of {len(x1)}: "
+            "take fewer, or give held_out"
+        )
+    return x1[apart], c[apart]
+
+
+def _rows(x1: Tensor, c: Tensor | None) -> Array:
+    """Data and condition beside each other."""
+    assert c is not None
+    return np.hstack([to_numpy(x1), to_numpy(c)])
 
 
 @dataclass(frozen=True)
@@ -123,7 +170,7 @@ def error_budget(
         seed: of all samples.
     """
     check_count(nfe, "nfe")
-    check_count(seed, "seed", minimum=0)
+    check_seed(seed)
     check_function(oracle, "oracle", "(t, x, c) -> v")
     size = data.sample_given(data.conditions()[:1]).shape[1]
 

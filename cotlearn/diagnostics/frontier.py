@@ -10,15 +10,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Array, Coupling, Pairs, generator_for, to_numpy
+from cotlearn.couplings.base import Array, Coupling, Pairs, to_numpy
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import skew
+from cotlearn.diagnostics.groups import held_out
 from cotlearn.diagnostics.probe import one_step_scores
 from cotlearn.diagnostics.skew import LinearSkew
 from cotlearn.diagnostics.spread import local_variance
 from cotlearn.metrics import Interval, bootstrap_interval, joint_squared_w2
 from cotlearn.progress import progress_bar
-from cotlearn.validation import check_count, check_has
+from cotlearn.randomness import Purpose, generator_for
+from cotlearn.validation import check_count, check_has, check_seed
 
 FEWEST = 100  #: rows of data
 NEIGHBOURS = 10  #: for the estimates of E[x1 | x0, c] and Var(x1 | x0, c)
@@ -97,6 +99,7 @@ def frontier(
     rows: int = 4096,
     repetitions: int = 3,
     probe_steps: int = 0,
+    groups: Any = None,
     seed: int = 0,
     progress: bool | None = None,
 ) -> Frontier:
@@ -115,6 +118,8 @@ def frontier(
         repetitions: independent draws of pairs, at least 2.
         probe_steps: train a small network at t = 0 for this many steps on each coupling's pairs,
             and score it on held-out rows (500 steps take about a second); 0 trains nothing.
+        groups: (N,), rows with the same value are held out together, as those of one episode; if
+            None, each row alone.
         seed: of the held-out rows, the pairs and the probe.
         progress: show a progress bar; if None, in terminals and notebooks.
 
@@ -127,16 +132,18 @@ def frontier(
     if not check_has(couplings, "couplings", "a dict of names and couplings", "items"):
         raise ValueError("couplings is empty: give at least one name and coupling")
     check_count(batch_size, "batch_size", minimum=2)
-    check_count(seed, "seed", minimum=0)
+    check_seed(seed)
     check_count(rows, "rows", minimum=skew.MINIMUM_ROWS)
     check_count(repetitions, "repetitions", minimum=2)
     check_count(probe_steps, "probe_steps", minimum=0)
-    held_out = torch.randperm(len(x1), generator=generator_for(seed, 0)) < len(x1) // 4
-    train, test = (Dataset(x1[part], c[part]) for part in (~held_out, held_out))
+    train, test = held_out(x1, c, seed, groups)
     batch_size = min(batch_size, len(train))
     points = []
     with progress_bar(total=len(couplings), what="frontier", show=progress) as bar:
         for name, coupling in couplings.items():
+            check_has(
+                coupling, f"couplings[{name!r}]", "a coupling such as Independent()", "stream"
+            )
             seeds = range(seed, seed + repetitions)
             drawn = [_draw(coupling, train, batch_size, rows, one) for one in seeds]
             draws, seconds = zip(*drawn, strict=True)
@@ -170,7 +177,7 @@ def _draw(
     seconds = (time.perf_counter() - started) / (batches * batch_size)
     pairs = Pairs.cat(parts[:wanted])
     if pairs.weight is not None:
-        luck = torch.rand(len(pairs), generator=generator_for(seed, 0, purpose=11))
+        luck = torch.rand(len(pairs), generator=generator_for(seed, 0, Purpose.WEIGHTED_PAIRS))
         kept = luck < pairs.weight / pairs.weight.max()
         pairs = replace(pairs, weight=None).map(lambda value: value[kept])
     return pairs, seconds
@@ -179,7 +186,7 @@ def _draw(
 def _point(draws: Any, test: Dataset, seed: int, **known: Any) -> FrontierPoint:
     """Estimate a coupling's `FrontierPoint` from several draws of pairs."""
     skews = [
-        skew.prior_skew(pairs.x0, pairs.c, generator=generator_for(seed, number, purpose=7))
+        skew.prior_skew(pairs.x0, pairs.c, generator=generator_for(seed, number, Purpose.SKEW))
         for number, pairs in enumerate(draws)
     ]
     statistics = np.array([found.statistic for found in skews])
@@ -220,7 +227,7 @@ def one_step_error(pairs: Any, test: Any, seed: int = 0) -> float:
         test: held-out `Dataset`; at most 1,000 rows are used.
         seed: of the rows and the fresh noise.
     """
-    rng = generator_for(seed, 0, purpose=8)
+    rng = generator_for(seed, 0, Purpose.ONE_STEP_ERROR)
     rows = torch.randperm(len(test), generator=rng)[:1000]
     x0 = pairs.x0[torch.randperm(len(pairs), generator=rng)[: len(rows)]]
     rows = rows[: len(x0)]

@@ -7,15 +7,18 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Batches, Pairs, generator_for
-from cotlearn.datasets import Standardiser
+from cotlearn.couplings.base import Batches, Pairs, to_numpy
+from cotlearn.couplings.units import TamedStandardiser
+from cotlearn.diagnostics.regression import regression
 from cotlearn.flows.matching import squared_error
 from cotlearn.flows.networks import VelocityMLP
 from cotlearn.flows.training import fit
 from cotlearn.metrics import energy_scores
+from cotlearn.randomness import Purpose, generator_for
 
 WIDTH, DEPTH, BATCH = 128, 2, 256  #: of the probe
 DRAWS, MOST_ROWS = 8, 1000  #: samples for each held-out row; most held-out rows
+MOST_FITTED = 4000  #: rows of a regression
 
 
 def one_step_scores(pairs: Any, test: Any, *, steps: int = 500, seed: int = 0) -> Tensor:
@@ -35,21 +38,50 @@ def one_step_scores(pairs: Any, test: Any, *, steps: int = 500, seed: int = 0) -
     Returns:
         Scores (n,) of at most 1,000 held-out rows, the same rows for every coupling.
     """
-    scaler = Standardiser.fit(pairs.c)
+    scaler = TamedStandardiser.fit(pairs.c)
     shown = replace(pairs, c=scaler(pairs.c))
-    rng = generator_for(seed, 0, purpose=13)
-    rows = torch.randint(len(pairs), (steps, BATCH), generator=rng)
+    rng = generator_for(seed, 0, Purpose.PROBE)
+    batches_of = torch.randint(len(pairs), (steps, BATCH), generator=rng)
     made = VelocityMLP(test.dim, test.condition_dim, width=WIDTH, depth=DEPTH, seed=seed)
-    batches = Batches(shown.map(itemgetter(some)) for some in rows)
+    batches = Batches(shown.map(itemgetter(some)) for some in batches_of)
     options: Any = {"steps": steps, "batch_size": BATCH, "loss": _first_step, "ema": 0.0}
     network = fit(made.to(pairs.x0), test, batches, **options, progress=False).network
-    rows = torch.randperm(len(test), generator=rng)[:MOST_ROWS]
+    rows = _scored(test, rng)
     c, drawn = scaler(test.c[rows]), []
     with torch.no_grad():
         for _ in range(DRAWS):
             noise = torch.randn(len(rows), test.dim, generator=rng, dtype=pairs.x0.dtype)
             drawn.append(noise + network(0.0, noise, c))
     return energy_scores(torch.stack(drawn), test.x1[rows])
+
+
+def regression_scores(train: Any, test: Any, *, steps: int = 500, seed: int = 0) -> Tensor:
+    """Energy score of a regression, which predicts a point for each held-out row; lower is better.
+
+    It is the distance |E[x1 | c] - x1|. A regression has no spread, so it wins only where the data
+    hardly vary given the condition, or where there are too few rows to learn how.
+
+    Args:
+        train: `Dataset` with conditions; of more than 4,000 rows, 4,000 are drawn.
+        test: held-out `Dataset`.
+        steps: of the probes to compare with.
+        seed: of the probes to compare with.
+
+    Returns:
+        Scores (n,) of the rows that `one_step_scores` with these steps and this seed scores.
+    """
+    rng = generator_for(seed, 0, Purpose.PROBE)
+    torch.randint(1, (steps, BATCH), generator=rng)  # a probe draws its batches first
+    rows = _scored(test, rng)
+    some = torch.randperm(len(train), generator=rng)[:MOST_FITTED]
+    predict = regression(to_numpy(train.x1[some]), to_numpy(train.c[some]), seed=seed)
+    made = torch.from_numpy(predict(to_numpy(test.c[rows])))
+    return energy_scores(torch.stack([made, made]), test.x1[rows])
+
+
+def _scored(test: Any, rng: torch.Generator) -> Tensor:
+    """The held-out rows that are scored."""
+    return torch.randperm(len(test), generator=rng)[:MOST_ROWS]
 
 
 def _first_step(network: Any, pairs: Pairs, generator: torch.Generator) -> Tensor:

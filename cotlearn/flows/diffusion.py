@@ -9,7 +9,7 @@ from torch import Tensor
 
 from cotlearn import validation
 from cotlearn.couplings.base import Pairs
-from cotlearn.flows.matching import Velocity, squared_error
+from cotlearn.flows.matching import Velocity, check_same_type, evaluate, squared_error
 
 SPACINGS = ("leading", "trailing")
 PREDICTIONS = ("velocity", "data", "noise")
@@ -59,6 +59,7 @@ class Diffusion:
 
         It is a loss for `fit`. The noise is the x0 of the pairs, from any coupling.
         """
+        check_same_type(pairs.x1, pairs.x0)
         k = torch.randint(self.levels, (len(pairs),), generator=generator).to(pairs.x0.device)
         a = self.alphas_cumprod.to(pairs.x0)[k][:, None]
         signal, noise = a.sqrt(), (1 - a).sqrt()
@@ -135,7 +136,8 @@ class Diffusion:
         self, network: Velocity, k: int, x: Tensor, c: Tensor | None
     ) -> tuple[Tensor, Tensor]:
         """The x1, clipped, and the noise that the network predicts from x at level k."""
-        predicted = network(torch.tensor(k / self.levels, dtype=x.dtype, device=x.device), x, c)
+        t = torch.tensor(k / self.levels, dtype=x.dtype, device=x.device)
+        predicted = evaluate(network, t, x, c, name="network")
         a = float(self.alphas_cumprod[k])
         signal, noise = math.sqrt(a), math.sqrt(1 - a)
         if self.prediction == "noise":

@@ -1,63 +1,83 @@
 """What a training trains on, in few digits: a checkpoint must not go on with something else."""
 
-from types import CodeType
+import functools
+import inspect
 from typing import Any
 
 import torch
 from torch import nn
 
-from cotlearn.couplings.base import Sampler, Source
-from cotlearn.flows.matching import Loss
+from cotlearn.couplings.base import Sampler, Source, draw_rows
 from cotlearn.storage import digest
 from cotlearn.validation import check_function
 
 DIGITS, ROWS = 16, 64
+COMPILED = "_orig_mod."  #: what `torch.compile` adds to the names of a state
 
 
-def fingerprint(
-    network: nn.Module, data: Sampler, source: Source | None, loss: Loss
-) -> dict[str, str]:
-    """Digests of the initial weights, the data, the source of noise and the loss, by name.
+def fingerprint(network: nn.Module, data: Sampler, source: Source | None) -> dict[str, str]:
+    """Digests of the initial weights, the data and the source of noise, by name.
 
     Data without rows `x1` and a source are known by the rows that they draw from a fixed seed.
     """
     rows = getattr(data, "x1", None), getattr(data, "c", None)
     if rows[0] is None:
-        rows = data.sample(ROWS, generator=torch.Generator().manual_seed(0))
+        rows = draw_rows(data, ROWS, torch.Generator().manual_seed(0))
     noise = None
     if source is not None:
         check_function(source, "source", "(n, generator) -> x0")
         noise = source(ROWS, generator=torch.Generator().manual_seed(0))
-    found = {
-        "initial weights": digest(network.state_dict(), {})[:DIGITS],
+    return {
+        "initial weights": digest(plain_state(network), {})[:DIGITS],
         "rows of data": _digest(*rows),
         "source": "standard normal" if noise is None else _digest(noise),
     }
-    if code := _code(loss):
-        found["code of loss"] = digest({}, {"code": code})[:DIGITS]
-    return found
 
 
-def _digest(*tensors: Any) -> str:
-    named = {str(i): value for i, value in enumerate(tensors) if value is not None}
-    return digest(named, {})[:DIGITS]
+def plain_state(network: nn.Module) -> dict[str, torch.Tensor]:
+    """The state of a network under the names that it has without `torch.compile`."""
+    return {name.replace(COMPILED, ""): value for name, value in network.state_dict().items()}
 
 
-def _code(loss: Any) -> list[Any]:
-    """The instructions of a function, with the constants that it holds; of an object nothing."""
-    function = getattr(loss, "__func__", loss)
-    code = getattr(function, "__code__", None)
-    if code is None:
-        return []
-    held = [cell.cell_contents for cell in function.__closure__ or ()]
-    return [*_instructions(code), *map(_plain, [*(function.__defaults__ or ()), *held])]
+def described(part: Any) -> str:
+    """A function by its qualified name and settings, an object by its repr.
+
+    Settings are the defaults of a function and what it holds of the function around it. What it
+    computes, and what is in the tensors that it holds, is for `contents`.
+    """
+    if isinstance(part, functools.partial):
+        settings = [*map(_plain, part.args), *_named(part.keywords)]
+        return f"{described(part.func)}({', '.join(settings)})"
+    name = getattr(part, "__qualname__", None)
+    if name is None:
+        return _printed(part)
+    owner, function = getattr(part, "__self__", None), getattr(part, "__func__", part)
+    if inspect.isfunction(function) and (settings := _settings(function)):
+        name = f"{name}({', '.join(settings)})"
+    return str(name) if owner is None else f"{_printed(owner)}: {name}"
 
 
-def _instructions(code: CodeType) -> list[Any]:
-    constants = [_instructions(k) if isinstance(k, CodeType) else repr(k) for k in code.co_consts]
-    return [code.co_code.hex(), list(code.co_names), constants]
+def _settings(function: Any) -> list[str]:
+    given = inspect.signature(function).parameters.values()
+    defaults = {p.name: p.default for p in given if not (p.default is p.empty or p.default is None)}
+    return _named({**defaults, **inspect.getclosurevars(function).nonlocals})
+
+
+def _named(settings: dict[str, Any]) -> list[str]:
+    return [f"{name}={_plain(value)}" for name, value in settings.items()]
 
 
 def _plain(value: Any) -> str:
     """A value that cannot change, as it prints; of others the kind."""
     return repr(value) if isinstance(value, int | float | str | None) else type(value).__qualname__
+
+
+def _printed(value: Any) -> str:
+    """An object's repr, or its class where the repr is an address that changes with the process."""
+    kind: Any = type(value)
+    return str(kind.__qualname__) if kind.__repr__ is object.__repr__ else repr(value)
+
+
+def _digest(*tensors: Any) -> str:
+    named = {str(i): value for i, value in enumerate(tensors) if value is not None}
+    return digest(named, {})[:DIGITS]

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Pairs
+from cotlearn.couplings.base import Pairs, lent
 from cotlearn.validation import check_choice, check_function, check_number, check_shape, check_share
 
 Time: TypeAlias = Tensor | float  #: the time of all rows, or of each, (B,)
@@ -16,14 +16,25 @@ Velocity: TypeAlias = Callable[[Tensor, Tensor, Tensor | None], Tensor]
 #: A loss: (network, pairs, generator) -> one value per row of the pairs, shape (B,).
 Loss: TypeAlias = Callable[[Any, Pairs, torch.Generator], Tensor]
 PREDICTIONS = ("velocity", "data")  #: what the network of a flow can be trained to predict
-SOFTENING = 0.01  #: added to the squared error in adaptive weights
+SOFTENING = 0.01  #: added to the squared error in adaptive weights, see `MeanFlow`
 
 
 def interpolate(x0: Tensor, x1: Tensor, t: Tensor) -> Tensor:
-    """The straight path x_t = (1 - t) x0 + t x1, (B, d), for t of shape (B,)."""
-    check_shape(x1, "x1", x0.shape)
+    """The straight path x_t = (1 - t) x0 + t x1, (B, d), for t of shape (B,).
+
+    Raises:
+        TypeError: x0 and x1 have different types.
+        ValueError: they have different shapes, or t has another one.
+    """
+    check_same_type(x1, x0)
     t = check_shape(t, "t", x0.shape[:1])[:, None]
     return (1 - t) * x0 + t * x1
+
+
+def check_same_type(x1: Any, x0: Tensor) -> None:
+    """Raise an error unless x1 has the shape and the type of x0; a coupling keeps both types."""
+    if check_shape(x1, "x1", x0.shape).dtype != x0.dtype:
+        raise TypeError(f"x1 must have x0's type {x0.dtype}, got {x1.dtype}: pass x1.to(x0.dtype)")
 
 
 def flow_matching_step(
@@ -89,10 +100,13 @@ class FlowMatching:
         self, network: Velocity, pairs: Pairs, generator: torch.Generator | None = None
     ) -> Tensor:
         """The squared error of each row, with its weight, (B,)."""
-        share = self.share_at_t0
-        drawn = torch.rand(len(pairs), generator=generator) if share else torch.ones(len(pairs))
-        early = drawn.to(pairs.x0.device) < share
-        t = uniform_times(pairs, generator).masked_fill(early, 0.0)
+        early = None
+        if self.share_at_t0:
+            drawn = torch.rand(len(pairs), generator=generator)
+            early = drawn.to(pairs.x0.device) < self.share_at_t0
+        t = uniform_times(pairs, generator)
+        if early is not None:
+            t = t.masked_fill(early, 0.0)
         predicted = network(t, interpolate(pairs.x0, pairs.x1, t), pairs.c)
         target = pairs.x1 if self.prediction == "data" else pairs.x1 - pairs.x0
         return squared_error(predicted, target, self.power)
@@ -113,6 +127,14 @@ def velocity_of(network: Velocity, prediction: str = "velocity") -> Velocity:
     )
 
 
+def evaluate(velocity: Any, t: Time, x: Tensor, *inputs: Any, name: str = "velocity") -> Tensor:
+    """velocity(t, x, *inputs), of x's shape (B, d) and, under autocast too, of its type.
+
+    It gets copies of x and of the inputs, which it may overwrite.
+    """
+    return check_shape(velocity(t, *lent(x, *inputs)), name, x.shape, "return").to(x.dtype)
+
+
 def uniform_times(pairs: Pairs, generator: torch.Generator | None) -> Tensor:
     """One time for each row, (B,), drawn on the CPU."""
     return torch.rand(len(pairs), generator=generator, dtype=pairs.x0.dtype).to(pairs.x0.device)
@@ -128,4 +150,7 @@ def squared_error(predicted: Tensor, target: Tensor, power: float = 0.0) -> Tens
 def weighted_mean(losses: Tensor, pairs: Pairs) -> Tensor:
     """The mean of the rows' losses, with the weights that the pairs carry."""
     check_shape(losses, "loss", (len(pairs),), "return one value per row,")
-    return losses.mean() if pairs.weight is None else (pairs.weight * losses).mean()
+    if pairs.weight is None:
+        return losses.mean()
+    check_shape(pairs.weight, "weight of the pairs", (len(pairs),))
+    return (pairs.weight * losses).mean()

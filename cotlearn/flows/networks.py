@@ -3,18 +3,21 @@
 import contextlib
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.overrides import TorchFunctionMode
 
-from cotlearn.validation import check_count
+from cotlearn.validation import check_count, check_seed
 
 _TIME_SIZE = 32
+ROUNDING = 1e-5  #: by which the sum of a solver's steps may leave [0, 1]
+#: torch's functions, of tensors and of `nn.init`, that draw initial weights.
+DRAWING = {"uniform_", "normal_", "kaiming_uniform_", "kaiming_normal_", "xavier_uniform_"}
+DRAWING |= {"xavier_normal_", "trunc_normal_", "randn", "rand"}
 _GROUPS = 8  #: of the group normalisation, as in Diffusion Policy
-_UPPER, _LOWER, _KERNEL = 64, 128, 5  #: of the U-Net: channels of its levels, length of its filters
-_CONTEXT = 64  #: size of its embedding of time and condition
 
 
 class _Network(nn.Module):
@@ -26,9 +29,34 @@ class _Network(nn.Module):
         self.condition_dim = check_count(condition_dim, "condition_dim", minimum=0)
 
     def _inputs(self, t: Tensor | float, x: Tensor, c: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Return t as (B,) and c as (B, k), with k = 0 if there is no condition."""
-        time = torch.as_tensor(t, dtype=x.dtype, device=x.device).expand(len(x))
-        return time, x[:, :0] if c is None else c.to(x.dtype)
+        """Return t as (B,) and c as (B, k), with k = 0 if there is no condition.
+
+        Raises:
+            ValueError: t or c has another shape, or a t on the CPU lies outside [0, 1].
+        """
+        time, k = torch.as_tensor(t, dtype=x.dtype, device=x.device), self.condition_dim
+        if time.ndim > 1 or (time.ndim == 1 and len(time) != len(x)):
+            given = tuple(time.shape)
+            raise ValueError(f"t must be a number or have shape ({len(x)},), got {given}")
+        if k and (c is None or c.shape != (len(x), k)):
+            came = None if c is None else tuple(c.shape)
+            raise ValueError(f"c must have shape ({len(x)}, {k}), got {came}")
+        if not k and c is not None and c.numel():
+            raise ValueError(f"c must be None: condition_dim is 0; got shape {tuple(c.shape)}")
+        if time.is_cpu and not torch.compiler.is_compiling():  # of a GPU it would wait
+            _check_range(time)
+        return time.expand(len(x)), x[:, :0] if c is None else c.to(x.dtype)
+
+
+def _check_range(time: Tensor) -> None:
+    """Raise ValueError unless times, a number or (B,), lie in [0, 1]."""
+    try:
+        ends = time.detach().aminmax() if time.ndim else (time, time)
+        low, high = (end.item() for end in ends)
+    except RuntimeError:  # inside torch.func.vmap there are no numbers to look at, or no rows
+        return
+    if not (low >= -ROUNDING and high <= 1 + ROUNDING):
+        raise ValueError(f"t must lie in [0, 1], got values from {low:.6g} to {high:.6g}")
 
 
 class VelocityMLP(_Network):
@@ -150,70 +178,6 @@ class _ResidualBlock(nn.Module):
         return h + self.second(nn.functional.silu(inner))
 
 
-class TemporalUNet(_Network):
-    """A 1D U-Net over the time steps of an action chunk, as in Diffusion Policy (2303.04137).
-
-    x of shape (B, steps * channels) is reshaped to (B, steps, channels). Time and condition scale
-    and shift the channels of every block (FiLM). The lower of the two levels has half the time
-    steps.
-
-    Args:
-        steps: time steps of a chunk, even.
-        channels: numbers at each time step.
-        condition_dim: k, columns of c; 0 for no condition.
-        seed: of the initial weights; torch's global randomness if None.
-    """
-
-    def __init__(
-        self, steps: int, channels: int, condition_dim: int = 0, *, seed: int | None = None
-    ) -> None:
-        dim = check_count(steps, "steps") * check_count(channels, "channels")
-        super().__init__(dim, condition_dim)
-        if steps % 2:
-            raise ValueError(f"steps must be a multiple of 2 for 2 levels, got {steps}")
-        self.steps, self.channels = steps, channels
-        self.sizes = {"steps": steps, "channels": channels, "condition_dim": condition_dim}
-        self.time = TimeFeatures(_TIME_SIZE)
-        with seeded(seed):
-            self.context = nn.Sequential(nn.Linear(_TIME_SIZE + condition_dim, _CONTEXT), nn.Mish())
-            self.upper = _FilmBlock(channels, _UPPER)
-            self.lower = _FilmBlock(_UPPER, _LOWER)
-            self.shorten = nn.Conv1d(_UPPER, _UPPER, 3, stride=2, padding=1)
-            self.middle = _FilmBlock(_LOWER, _LOWER)
-            self.lengthen = nn.ConvTranspose1d(_LOWER, _UPPER, 4, stride=2, padding=1)
-            self.up = _FilmBlock(2 * _UPPER, _UPPER)
-            self.last = nn.Conv1d(_UPPER, channels, 1)
-
-    def forward(self, t: Tensor | float, x: Tensor, c: Tensor | None = None) -> Tensor:
-        """The velocity, shape (B, steps * channels); arguments as for `VelocityMLP`."""
-        time, condition = self._inputs(t, x, c)
-        context = self.context(torch.cat([self.time(time), condition], dim=1))
-        h = x.reshape(len(x), self.steps, self.channels).transpose(1, 2)
-        upper = self.upper(h, context)
-        h = self.middle(self.lower(self.shorten(upper), context), context)
-        h = self.up(torch.cat([self.lengthen(h), upper], dim=1), context)
-        return self.last(h).transpose(1, 2).reshape(x.shape)
-
-
-class _FilmBlock(nn.Module):
-    """Two convolutions over time, scaled and shifted by the context, and a skip connection."""
-
-    def __init__(self, before: int, after: int) -> None:
-        super().__init__()
-        self.first, self.second = _convolution(before, after), _convolution(after, after)
-        self.film = nn.Linear(_CONTEXT, 2 * after)
-        self.round = nn.Conv1d(before, after, 1) if before != after else nn.Identity()
-
-    def forward(self, h: Tensor, context: Tensor) -> Tensor:
-        scale, shift = self.film(context)[:, :, None].chunk(2, dim=1)
-        return self.second((1 + scale) * self.first(h) + shift) + self.round(h)
-
-
-def _convolution(before: int, after: int) -> nn.Sequential:
-    filters = nn.Conv1d(before, after, _KERNEL, padding=_KERNEL // 2)
-    return nn.Sequential(filters, nn.GroupNorm(_GROUPS, after), nn.Mish())
-
-
 class SpatialSoftmax(nn.Module):
     """Spatial softmax: the mean position of each channel (Levine 1504.00702).
 
@@ -254,10 +218,59 @@ class ImageEncoder(nn.Module):
         return self.last(self.layers(images))
 
 
-@contextlib.contextmanager
-def seeded(seed: int | None) -> Iterator[None]:
-    """Seed torch inside the block and restore its global randomness after; None: do nothing."""
-    with torch.random.fork_rng(devices=[], enabled=seed is not None):
-        if seed is not None:
-            torch.manual_seed(check_count(seed, "seed", minimum=0))
-        yield
+def rebuilt(
+    build: Callable[..., nn.Module], sizes: dict[str, Any], tensors: dict[str, Tensor]
+) -> nn.Module:
+    """A network of the sizes and the weights that a file names.
+
+    A file can claim any size, but nothing is built that is larger than its weights.
+
+    Args:
+        build: makes the network of the sizes.
+        sizes: arguments of `build`.
+        tensors: the weights, by name.
+
+    Raises:
+        ValueError: the weights are not those of a network of these sizes.
+    """
+    deepest = max(int(sizes.get(name, 0)) for name in ("blocks", "depth"))
+    if deepest > len(tensors):
+        raise ValueError(f"{deepest} layers cannot have {len(tensors)} weights")
+    with torch.device("meta"):  # without memory
+        claimed = {name: value.shape for name, value in build(**sizes).state_dict().items()}
+    if claimed != (held := {name: value.shape for name, value in tensors.items()}):
+        name = next(name for name in claimed | held if claimed.get(name) != held.get(name))
+        raise ValueError(f"{name} has the shape {held.get(name)}, expected {claimed.get(name)}")
+    network = build(**sizes)
+    network.load_state_dict(tensors)
+    return network
+
+
+def seeded(seed: int | None) -> contextlib.AbstractContextManager[Any]:
+    """Draw the initial weights that are made in the block from this seed; None: from torch's.
+
+    torch's global randomness is not touched, so that other threads neither change the weights nor
+    are changed by them.
+    """
+    return contextlib.nullcontext() if seed is None else _Seeded(seed)
+
+
+class _Seeded(TorchFunctionMode):
+    """Gives the functions by which torch draws initial weights a generator; for one thread."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__()
+        self._seed = check_seed(seed)
+        self._generators: dict[torch.device, torch.Generator] = {}
+
+    def __torch_function__(
+        self, function: Any, types: Any, args: Any = (), kwargs: Any = None
+    ) -> Any:
+        kwargs = dict(kwargs or {})
+        if getattr(function, "__name__", "") in DRAWING:
+            first = args[0] if args else kwargs.get("tensor")
+            device = first.device if isinstance(first, Tensor) else torch.get_default_device()
+            if device not in self._generators:
+                self._generators[device] = torch.Generator(device).manual_seed(self._seed)
+            kwargs["generator"] = self._generators[device]
+        return function(*args, **kwargs)

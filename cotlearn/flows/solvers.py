@@ -1,5 +1,6 @@
 """Solvers of dx/dt = v(t, x, c) from noise (t = 0) to data (t = 1) that count evaluations."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -10,8 +11,9 @@ from scipy.integrate import solve_ivp
 from torch import Tensor
 
 from cotlearn import validation
-from cotlearn.flows.matching import Velocity
+from cotlearn.flows.matching import Velocity, evaluate
 
+MOST_EVALUATIONS = 20_000  #: of dopri5
 TOLERANCE = 1e-4  #: relative and absolute, of dopri5
 
 Field = Callable[[float, Tensor], Tensor]
@@ -91,7 +93,8 @@ def integrate(
         ValueError: nfe is missing, below 1, not divisible as the method needs, or given with
             dopri5; the method is unknown; x0, c or the velocity has a wrong shape; x0 or c is not
             finite.
-        RuntimeError: with dopri5, the velocity is not finite or the step size became too small.
+        RuntimeError: the samples are not finite; with dopri5, the velocity is not, the step size
+            became too small, or 20,000 evaluations were not enough.
     """
     validation.check_function(velocity, "velocity", "(t, x, c) -> v")
     validation.check_inputs(velocity, x0, c, "x0")
@@ -100,8 +103,12 @@ def integrate(
     def field(t: float, x: Tensor) -> Tensor:
         nonlocal evaluations
         evaluations += 1
-        v = velocity(torch.tensor(t, dtype=x.dtype, device=x.device), x, c)
-        return validation.check_shape(v, "velocity", x.shape, "return")
+        if evaluations > MOST_EVALUATIONS and method == "dopri5":
+            raise RuntimeError(
+                f"dopri5 stopped at t = {t:.4g} after {MOST_EVALUATIONS} evaluations: the field is "
+                "stiff there; use a method with fixed steps"
+            )
+        return evaluate(velocity, torch.tensor(t, dtype=x.dtype, device=x.device), x, c)
 
     if validation.check_choice(method, "method", METHODS) == "dopri5":
         if nfe is not None:
@@ -118,7 +125,20 @@ def integrate(
         for step in range(steps):
             after = one_step(field, step / steps, 1 / steps, states[-1])
             states = [*states, after] if trajectory else [after]
+        _check_end(states[-1], f"{method} with nfe={nfe}")
     return Solution(states[-1], evaluations, times, torch.stack(states) if trajectory else None)
+
+
+def _check_end(x: Tensor, how: str) -> None:
+    """Raise RuntimeError unless the samples x (B, d) are finite."""
+    if math.isfinite(x.sum()):  # quick; large finite numbers can overflow, too
+        return
+    lost = int((~torch.isfinite(x)).any(dim=1).sum())
+    if lost:
+        raise RuntimeError(
+            f"{how} ended with NaN or infinite values in {lost} of {len(x)} rows: the velocity is "
+            "not finite, or grows faster than these steps can follow"
+        )
 
 
 def _adaptive(field: Field, x0: Tensor) -> tuple[Tensor, list[Tensor]]:

@@ -13,8 +13,8 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from cotlearn.plots._canvas import Array, Numbers, as_array, open_axes
 from cotlearn.plots.style import PATH_COLOR, SOURCE_COLOR, condition_color
+from cotlearn.robots.arm.constants import GOAL, pillars
 from cotlearn.robots.arm.drawing import GOAL_MARK, PILLAR, VIEWS, draw_arm, draw_pillar
-from cotlearn.robots.arm.task import GOAL, pillars
 
 SIZE = (4.6, 3.6)
 _FAILED = -1
@@ -27,7 +27,7 @@ def arm_paths(
 
     Args:
         paths: (n, T, 3), metres.
-        state: (columns,): tip, goal and pillars; see `cotlearn.robots.arm.task.columns`.
+        state: (columns,): tip, goal and pillars; see `cotlearn.robots.arm.constants.columns`.
         modes: (n,), the mode of each path, which colours it; -1, a failure, is grey,
             dashed and ends in a cross.
         ax: Axes to draw into; a new figure by default.

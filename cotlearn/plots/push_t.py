@@ -11,8 +11,8 @@ from matplotlib.patches import Circle, Polygon
 from cotlearn.plots._canvas import Numbers, as_array, open_plane, panels
 from cotlearn.plots.motion import animation_of
 from cotlearn.plots.style import COLORS, CONDITION_MAP, SOURCE_COLOR
+from cotlearn.robots.push_t.constants import AGENT_RADIUS, GOAL, SIZE
 from cotlearn.robots.push_t.geometry import corners
-from cotlearn.robots.push_t.task import AGENT_RADIUS, GOAL, SIZE
 
 BLOCK, GOAL_AREA = "#8895A7", "#B5DDB0"
 

@@ -1,76 +1,65 @@
-"""Tables: HTML in a notebook and on the site, aligned text elsewhere."""
+"""Tables of results: a pandas Styler that marks the best of each column."""
 
-import html
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any
 
 from cotlearn.plots.style import label_of
 
-
-@dataclass(frozen=True, repr=False)
-class Table:
-    """The cells of a table as words.
-
-    Attributes:
-        head: the names of the columns.
-        rows: one tuple of words for each row.
-        best: (row, column) of the cells that are marked.
-    """
-
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    best: frozenset[tuple[int, int]]
-
-    def __repr__(self) -> str:
-        marked = [
-            [word + "*" * ((i, k) in self.best) for k, word in enumerate(row)]
-            for i, row in enumerate(self.rows)
-        ]
-        lines = [self.head, *marked]
-        wide = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        padded = [[line[0].ljust(wide[0]), *map(str.rjust, line[1:], wide[1:])] for line in lines]
-        return "\n".join("  ".join(line).rstrip() for line in padded)
-
-    def _repr_html_(self) -> str:
-        def line(tag: str, words: Sequence[str], row: int = -1) -> str:
-            escaped = map(html.escape, words)
-            bold = (f"<b>{w}</b>" if (row, k) in self.best else w for k, w in enumerate(escaped))
-            return "<tr>" + "".join(f"<{tag}>{word}</{tag}>" for word in bold) + "</tr>"
-
-        body = "".join(line("td", row, i) for i, row in enumerate(self.rows))
-        return f"<table><thead>{line('th', self.head)}</thead><tbody>{body}</tbody></table>"
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from pandas.io.formats.style import Styler
 
 
 def table(
-    rows: Sequence[Mapping[str, Any]],
+    rows: DataFrame | Sequence[Mapping[str, Any]],
     *,
     low: Sequence[str] = (),
     high: Sequence[str] = (),
+    level: DataFrame | Mapping[str, Sequence[bool]] | None = None,
     digits: int = 3,
-) -> Table:
-    """Make a table of rows with the same columns, the best value of a column marked.
+) -> Styler:
+    """Show rows with the same columns, the best value of a column in bold.
 
     Args:
-        rows: column -> value, for each row, None if there is none; the columns are those of the
-            first. A column "method" shows the labels of the methods.
+        rows: a data frame, or column -> value for each row; a missing value is an empty cell. A
+            column "method" shows the labels of the methods.
         low: columns of numbers where the smallest is best.
         high: columns of numbers where the largest is best.
+        level: column -> for each row whether its value cannot be told from the best one; these are
+            underlined.
         digits: after the point, for floating-point numbers.
     """
-    head = tuple(rows[0])
-    best = set()
-    for name in (*low, *high):
-        choose = min if name in low else max
-        top = choose(row[name] for row in rows if row[name] is not None)
-        best |= {(i, head.index(name)) for i, row in enumerate(rows) if row[name] == top}
-    words = (tuple(_word(name, row[name], digits) for name in head) for row in rows)
-    return Table(head, tuple(words), frozenset(best))
+    from pandas import DataFrame
+
+    from cotlearn.plots._styler import TextStyler
+
+    # a count stays one where another row has none
+    frame = DataFrame(rows, dtype=object).reset_index(drop=True)
+    if "method" in frame:
+        frame["method"] = frame["method"].map(label_of)
+    style = TextStyler(frame).hide(axis="index").format(precision=digits, na_rep="", escape="html")
+    for names, best in ((low, "min"), (high, "max")):
+        style = style.apply(_bold, best=best, digits=digits, subset=list(names))
+    marks = {} if level is None else {name: list(map(bool, of)) for name, of in level.items()}
+    for name, rows_level in marks.items():
+        style = style.apply(_underlined, rows_level=rows_level, subset=[name])
+    return style.set_uuid(_name(f"{style}{low}{high}{marks or ''}"))
 
 
-def _word(name: str, value: Any, digits: int) -> str:
-    if value is None:
-        return ""
-    if name == "method":
-        return label_of(value)
-    return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
+def _name(text: str) -> str:
+    """The same for the same text: a notebook that runs again stores the same page."""
+    return sha256(text.encode()).hexdigest()[:5]
+
+
+def _bold(column: Any, *, best: str, digits: int) -> list[str]:
+    """The style of each cell: cells that read the same as the best are all bold."""
+    shown = column.astype(float).round(digits)
+    return ["font-weight: bold" if same else "" for same in shown == getattr(shown, best)()]
+
+
+def _underlined(column: Any, *, rows_level: list[bool]) -> list[str]:
+    """The style of each cell of a column."""
+    return ["text-decoration: underline" if one else "" for one in rows_level]

@@ -17,18 +17,21 @@ from torch import Tensor, nn
 
 from cotlearn import couplings
 from cotlearn.couplings import Coupling, EmbeddedClusters, Independent, StratifiedOT
-from cotlearn.couplings.base import generator_for
 from cotlearn.datasets import Dataset
 from cotlearn.flows import diffusion, matching
 from cotlearn.flows.diffusion import predict, regression_loss
 from cotlearn.flows.matching import FlowMatching, Loss, velocity_of
-from cotlearn.flows.one_step import MeanFlow, MeanVelocity, Shortcut, TwoPasses
+from cotlearn.flows.one_step import Drifting, MeanFlow, MeanVelocity, Shortcut, TwoPasses
 from cotlearn.flows.solvers import integrate
 from cotlearn.policies import samplers
+from cotlearn.policies.options import Options
+from cotlearn.policies.pixels import CameraNetwork
+from cotlearn.policies.windows import Windows
+from cotlearn.randomness import Purpose, generator_for
 from cotlearn.validation import check_choice
 
 if TYPE_CHECKING:
-    from cotlearn.policies.training import Options, Run
+    from cotlearn.policies.training import Run
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,20 @@ class Method:
     cost: float = 1.0
     prepare: Callable[[Run], None] | None = None
 
+    def make_network(self, options: Options, windows: Windows, *, seed: int) -> nn.Module:
+        """The network of the options, wrapped; that of a camera wraps its own head."""
+        network = options.make_network(windows, columns=self.columns, seed=seed)
+        return network if options.camera else self.network(network)
+
+    def fitted_pictures(
+        self, options: Options, data: Dataset, windows: Windows
+    ) -> EmbeddedClusters | None:
+        """The clusters of pictures that the coupling is given, fitted to the data."""
+        clusters = self.pictures(options) if self.pictures else None
+        if options.camera is None or clusters is None or data.c is None:
+            return None
+        return options.camera.condition(data.c, windows, clusters=clusters)
+
     def settle(self, options: Options) -> Options:
         """Fill in the prediction: the default if the options leave it open or there is no other.
 
@@ -101,10 +118,10 @@ def _centre(run: Run) -> None:
     """
     first = replace(run, coupling=Independent(), loss=regression_loss)
     first.options = replace(run.options, steps=max(1, run.options.steps // 5))
-    network = first.fit("regression_").network
+    network, dim = first.fit("regression_").network, run.data.dim
 
     def mean(c: Tensor) -> Tensor:
-        parts = (predict(network, o.new_zeros(len(o), run.data.dim), o) for o in c.split(8192))
+        parts = (predict(network, o.new_zeros(len(o), dim), o) for o in c.split(8192))
         return torch.cat(list(parts))
 
     run.coupling, run.seconds = couplings.centred(run.coupling, mean), first.seconds
@@ -119,22 +136,28 @@ def _distil(run: Run, *, inverted: bool = False) -> None:
     """
     run.network = run.fit("teacher_").network
     started = time.perf_counter()
-    velocity = velocity_of(run.network, run.options.prediction)
+    camera = run.network if isinstance(run.network, CameraNetwork) else None
+    velocity = velocity_of(camera.head if camera else run.network, run.options.prediction)
     nfe = run.options.reflow_nfe
 
     def backwards(t: Tensor, x: Tensor, c: Tensor | None) -> Tensor:
         return -velocity(1 - t, x, c)
 
+    @torch.no_grad()
     def ends(field: Any, starts: Tensor, c: Tensor, **solver: Any) -> Tensor:
         parts = zip(starts.split(4096), c.split(4096), strict=True)
-        return torch.cat([integrate(field, x, some, **solver).x1 for x, some in parts])
+        found = []
+        for x, some in parts:
+            seen = camera.encode(some) if camera else some  # once for all evaluations
+            found.append(integrate(field, x, seen, **solver).x1)
+        return torch.cat(found)
 
     if inverted:
         x1, c = run.data.x1, run.data.c
         assert c is not None
         x0 = ends(backwards, x1, c, nfe=4 * nfe, method="midpoint")
     else:
-        rng = generator_for(run.seed, 0, purpose=21)
+        rng = generator_for(run.seed, 0, Purpose.TEACHER)
         _, c = run.data.sample(run.options.reflow_pairs, generator=rng)
         assert c is not None
         x0 = torch.randn(len(c), run.data.dim, generator=rng)
@@ -155,7 +178,7 @@ ADAPTIVE = Method(
     loss=lambda o: FlowMatching(o.share_at_t0, o.prediction, power=1.0),
 )
 #: Uniform times, and jumps on a quarter of the rows of a shortcut model: held-out demonstrations of
-#: the arm prefer them (data/results/jump_choices_arm_ring.json, jump_choices_arm_avoid.json).
+#: the arm prefer them (`study(source="jump_choices_arm_ring")`, and "jump_choices_arm_avoid").
 MEAN_FLOW = Method(
     "mean_flow",
     "mean velocities by a forward-mode product (MeanFlow)",
@@ -180,7 +203,6 @@ SHORTCUT = replace(
     loss=lambda options: Shortcut(share=0.25),
     cost=7 / 6,
 )
-WAYS = ADAPTIVE, MEAN_FLOW, MEAN_FLOW_DATA, SHORTCUT  #: on independent and on residual pairs
 DIFFUSION = Method(
     "diffusion",
     "DDPM with 100 levels",
@@ -240,7 +262,23 @@ _ROWS = (
         predictions=("velocity",),
         prepare=functools.partial(_distil, inverted=True),
     ),
-    *(row for method in WAYS for row in (method, _on_residuals(method))),
+    ADAPTIVE,
+    _on_residuals(ADAPTIVE),
+    MEAN_FLOW,
+    _on_residuals(MEAN_FLOW),
+    MEAN_FLOW_DATA,
+    _on_residuals(MEAN_FLOW_DATA),
+    SHORTCUT,
+    _on_residuals(SHORTCUT),
+    Method(
+        "drifting",
+        "one answer that drifts to the chunks of its stratum, and away from other answers",
+        coupling=lambda _, pictures: couplings.StratifiedBatches(clusters=pictures),
+        loss=lambda options: Drifting(),
+        sampler=lambda options, clip: samplers.DriftSampler(),
+        predictions=("data",),
+        pictures=lambda options: options.clusters,
+    ),
     Method(
         "two_passes",
         "regression that refines its answer once (MIP)",

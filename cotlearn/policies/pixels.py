@@ -19,7 +19,7 @@ from cotlearn.flows.networks import ImageEncoder, ResidualMLP
 from cotlearn.flows.one_step import MeanVelocity
 from cotlearn.policies.windows import Windows
 from cotlearn.robots.push_t.camera import AGENT, PLACE, SCENE, TURN, Camera
-from cotlearn.robots.push_t.task import GOAL, SIZE
+from cotlearn.robots.push_t.constants import GOAL, SIZE
 from cotlearn.validation import check_count
 
 POSE = 4  #: features of the pose: x, y, cosine and sine
@@ -125,16 +125,6 @@ def _turned(points: Tensor, facing: Tensor, sign: int) -> Tensor:
     """Rotate points (B, n, 2) by angles given as cosines and sines (B, 1, 2); sign -1 inverts."""
     (x, y), (cos, sin) = points.unbind(2), (facing * facing.new_tensor([1, sign])).unbind(2)
     return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=2)
-
-
-def turned_with_t(x: Tensor, c: Tensor, *, camera: Camera, sign: int) -> Tensor:
-    """Rotate chunks x (B, d) into (sign -1) or out of (sign 1) the frame of the true T in c (B, k).
-
-    These are the forward and inverse functions for `couplings.Transformed`; the frame is that of
-    `TurnedMLP`. The true pose may be used here, because pairs are only made in training.
-    """
-    facing = nn.functional.normalize(camera.scenes(c)[:, -1:, TURN], dim=2)
-    return _turned(x.unflatten(1, (-1, 2)), facing, sign).flatten(1)
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,21 @@ from numpy.typing import ArrayLike
 from torch import Generator, Tensor, nn
 
 from cotlearn import validation
-from cotlearn.flows.networks import ResidualMLP, TemporalUNet
+from cotlearn.files import reading
+from cotlearn.flows.networks import ResidualMLP, rebuilt
 from cotlearn.flows.one_step import MeanVelocity
 from cotlearn.policies.pixels import CameraNetwork
 from cotlearn.policies.samplers import SAMPLERS, Sampler
 from cotlearn.policies.windows import Windows
-from cotlearn.renamed import renamed
 from cotlearn.robots.task import Array
 from cotlearn.storage import load_tensors, save_tensors
 
 _FITTED = "fitted."  #: prefix of the coupling's tensors in a file
-_NETWORKS: dict[str, Any] = {k.__name__: k for k in (ResidualMLP, TemporalUNet, CameraNetwork)}
-_NETWORKS["MeanVelocity"] = lambda **sizes: MeanVelocity(ResidualMLP(**sizes))
+_NETWORKS: dict[str, Any] = {
+    "ResidualMLP": ResidualMLP,
+    "CameraNetwork": CameraNetwork,
+    "MeanVelocity": lambda **sizes: MeanVelocity(ResidualMLP(**sizes)),
+}
 
 
 @dataclass(eq=False, repr=False)
@@ -181,29 +184,23 @@ class ChunkPolicy:
             ValueError: the file is damaged or contains no policy.
         """
         tensors, record = load_tensors(path)
-        try:
+        with reading(path, "holds no policy that fits"):
             stored = record["policy"]
             sizes, sampler = dict(stored["network"]), dict(stored["sampler"])
-            network = _NETWORKS[sizes.pop("kind")](**sizes)
             tensors = {name: value.float() for name, value in tensors.items()}
             fitted = {n: tensors.pop(n) for n in list(tensors) if n.startswith(_FITTED)}
-            network.load_state_dict(tensors)
+            network = rebuilt(_NETWORKS[sizes.pop("kind")], sizes, tensors)
             return cls(
                 network.requires_grad_(False),
                 Windows.from_metadata(stored["windows"]),
                 SAMPLERS[sampler.pop("kind")](**sampler),
                 execute=stored["execute"],
-                temperature=stored.get("temperature", 1.0),
+                temperature=stored["temperature"],
                 fitted={name.removeprefix(_FITTED): value for name, value in fitted.items()},
                 about=dict(record["about"]),
             )
-        except (KeyError, TypeError, RuntimeError) as error:
-            raise ValueError(f"{path} holds no policy that fits: {error}") from error
 
 
 def check_execute(execute: int, predict: int) -> None:
     """Raise ValueError unless `execute` is from 1 to `predict`."""
     validation.check_count(execute, "execute", most=predict, of="the {} predicted steps")
-
-
-__getattr__ = renamed(__name__, {name: f"cotlearn.policies.samplers:{name}" for name in SAMPLERS})

@@ -10,15 +10,15 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from cotlearn.couplings.base import generator_for
+from cotlearn.interrupt import interrupt_between_steps
 from cotlearn.progress import progress_bar
+from cotlearn.randomness import Purpose, generator_for
 from cotlearn.robots.task import Array, Task, check_numbers
 from cotlearn.validation import check_count, check_has, check_seeds
 
 #: First seeds of starts, a million seeds each (demonstrations have hashed 32-bit seeds):
 #: EXPLORATION for trying and choosing, COUNTED for counting modes, REPORTED for the tables only.
 EXPLORATION, COUNTED, REPORTED = 1_000_000, 2_000_000, 3_000_000
-NOISE = 13  #: `purpose` of the generators of rollout noise (see `generator_for`)
 
 
 class Policy(Protocol):
@@ -96,8 +96,10 @@ def rollout(
 
     Raises:
         ValueError: the policy's actions have a wrong shape, are out of range or not finite.
+        KeyboardInterrupt: Ctrl-C was pressed.
     """
     check_has(policy, "policy", "a policy such as ChunkPolicy", "windows", "act")
+    check_count(policy.execute, "policy.execute")
     task = policy.windows.task
     max_steps = check_count(task.max_steps if max_steps is None else max_steps, "max_steps")
     if seeds is None:
@@ -112,14 +114,17 @@ def rollout(
     done = np.full((max_steps, episodes, len(task.action)), np.nan)
     kept, seconds, chunks, early = [state], 0.0, 0, None
     limits, size = task.action_limits, (policy.execute, len(task.action))
-    with progress_bar(total=max_steps, what="rollout", show=progress) as bar:
+    with (
+        progress_bar(total=max_steps, what="rollout", show=progress) as bar,
+        interrupt_between_steps() as stop,
+    ):
         for now in range(max_steps):
-            if not active.any():
+            if stop.is_set() or not active.any():
                 break
             place = now % policy.execute
             if place == 0:
                 rows = np.flatnonzero(active)
-                rng = generator_for(0, now // policy.execute, NOISE)
+                rng = generator_for(0, now // policy.execute, Purpose.ROLLOUT)
                 noise = policy.noise(episodes, rng)[:, rows]
                 started = time.perf_counter()
                 plan = np.zeros((episodes, *size))
@@ -159,11 +164,9 @@ def with_derived(task: Task, found: dict[str, Array]) -> dict[str, Array]:
     """Add to `found` the outcomes that the task derives from others: thresholds and ratios."""
     derived = dict(found)
     for name, (of, threshold) in task.thresholds.items():
-        if of in found:  # tables of older versions lack some
-            derived[name] = (found[of] > threshold).astype(np.float64)
+        derived[name] = (found[of] > threshold).astype(np.float64)
     for name, (of, full) in task.capped.items():
-        if of in found:
-            derived[name] = np.minimum(found[of] / full, 1.0)
+        derived[name] = np.minimum(found[of] / full, 1.0)
     return derived
 
 

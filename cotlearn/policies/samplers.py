@@ -11,10 +11,12 @@ import torch
 from torch import Tensor, nn
 
 from cotlearn.flows.diffusion import SPACINGS, Diffusion, predict
-from cotlearn.flows.matching import velocity_of
-from cotlearn.flows.one_step import MeanVelocity, TwoPasses, jump
+from cotlearn.flows.matching import PREDICTIONS, velocity_of
+from cotlearn.flows.one_step import Drifting, MeanVelocity, TwoPasses, jump
 from cotlearn.flows.solvers import FIXED, integrate
 from cotlearn.validation import check_choice, check_count
+
+MOST = 10_000  #: evaluations for a chunk, and levels of noise; a policy's file could name any
 
 
 class Sampler:
@@ -71,7 +73,7 @@ class FlowSampler(Sampler):
     prediction: str = "velocity"
 
     def __post_init__(self) -> None:
-        check_count(self.nfe, "nfe")
+        check_count(self.nfe, "nfe", most=MOST)
         exact = self.prediction == "data"
         check_choice(self.method, "method", ("euler", "midpoint") if exact else FIXED)
 
@@ -110,14 +112,18 @@ class DDPMSampler(Sampler):
     prediction: str = "noise"
 
     def __post_init__(self) -> None:
-        diffusion_of(self.prediction, self.levels)  # checks
+        check_count(self.levels, "levels", most=MOST)
+        diffusion_of(self.prediction, self.levels, self.clip)  # checks
 
     @property
     def nfe(self) -> int:
         """One for each level."""
         return self.levels
 
-    draws = nfe  #: the start, and fresh noise in every step but the last
+    @property
+    def draws(self) -> int:
+        """The start, and fresh noise in every step but the last."""
+        return self.levels
 
     @property
     def variants(self) -> list[Sampler]:
@@ -148,7 +154,9 @@ class DDIMSampler(Sampler):
     prediction: str = "noise"
 
     def __post_init__(self) -> None:
-        diffusion_of(self.prediction, self.levels).ddim_levels(self.nfe, self.spacing)  # checks
+        check_count(self.levels, "levels", most=MOST)
+        diffusion = diffusion_of(self.prediction, self.levels, self.clip)
+        diffusion.ddim_levels(self.nfe, self.spacing)  # checks
 
     @property
     def name(self) -> str:
@@ -175,6 +183,10 @@ class JumpSampler(Sampler):
     nfe: int = 16
     prediction: str = "velocity"
 
+    def __post_init__(self) -> None:
+        check_count(self.nfe, "nfe", most=MOST)
+        check_choice(self.prediction, "prediction", PREDICTIONS)
+
     @property
     def variants(self) -> list[Sampler]:
         """With 1 to 16 evaluations."""
@@ -184,6 +196,19 @@ class JumpSampler(Sampler):
         """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
         mean = cast(MeanVelocity, network)
         return jump(mean, noise[0], c, nfe=self.nfe, prediction=self.prediction)
+
+
+@dataclass(frozen=True)
+class DriftSampler(Sampler):
+    """The one answer of a network that was trained by drifting."""
+
+    method = "drift"
+    family = "drifting"
+    nfe = 1
+
+    def __call__(self, network: nn.Module, noise: Tensor, c: Tensor) -> Tensor:
+        """Chunks (B, d) from noise (1, B, d) under conditions c (B, k)."""
+        return Drifting().sample(network, noise[0], c)
 
 
 @dataclass(frozen=True)
@@ -215,8 +240,8 @@ class MeanSampler(Sampler):
             return predict(network, noise[0], c)
 
 
-#: By the name that a saved policy has for them.
-SAMPLERS: dict[str, Callable[..., Sampler]] = {
-    kind.__name__: kind
-    for kind in (FlowSampler, DDPMSampler, DDIMSampler, JumpSampler, TwoPassSampler, MeanSampler)
-}
+_KINDS: tuple[Callable[..., Sampler], ...] = (
+    *(FlowSampler, DDPMSampler, DDIMSampler, JumpSampler),
+    *(DriftSampler, TwoPassSampler, MeanSampler),
+)
+SAMPLERS = {kind.__name__: kind for kind in _KINDS}  #: by the name in the file of a policy

@@ -12,9 +12,10 @@ from cotlearn.datasets import Dataset
 from cotlearn.robots.episodes.checked import Episodes, window_rows
 from cotlearn.robots.registry import find_task
 from cotlearn.robots.task import Array, Frame, Task
-from cotlearn.validation import check_choice, check_count
+from cotlearn.validation import check_array, check_choice, check_count
 
 LABELS = ("action", "intention")
+LONGEST = 10_000  #: steps of a chunk; a policy's file could name any
 _RANGES = ("observation_range", "action_range")
 
 
@@ -32,7 +33,7 @@ class Windows:
         observation_range: (2, F), the values of each feature that become -1 and 1.
         action_range: (2, A), the values of each coordinate that become -1 and 1.
         observe: number of observed steps, the current one last.
-        predict: number of steps in a chunk, the current one first.
+        predict: number of steps in a chunk, the current one first; at most 10,000.
         knots: number of predicted points per chunk, evenly spaced in time and ending with the last
             action; a clamped cubic spline (at rest at both ends) fills in the other steps. If None,
             every step is predicted.
@@ -53,8 +54,12 @@ class Windows:
 
     def __post_init__(self) -> None:
         check_count(self.observe, "observe")
-        check_count(self.predict, "predict")
+        check_count(self.predict, "predict", most=LONGEST)
         check_choice(self.frame, "frame", tuple(self.task.frames))
+        widths = self._frame.features, len(self.task.action)
+        for name, width in zip(_RANGES, widths, strict=True):
+            if getattr(self, name).size:  # `fit` finds them with windows that have none
+                check_array(getattr(self, name), name, (2, width))
         if self.knots is not None:
             check_count(self.knots, "knots", most=self.predict, of="the {} predicted steps")
 
@@ -151,10 +156,9 @@ class Windows:
 
     @classmethod
     def from_metadata(cls, metadata: dict[str, Any]) -> Self:
-        """Create windows from `metadata`, as written by this version or by 0.1."""
-        values = {"open_loop" if k == "whole" else k: value for k, value in metadata.items()}
-        ranges = {name: np.array(values[name]) for name in _RANGES}
-        return cls(**{**values, **ranges, "task": find_task(values["task"])})
+        """Create windows from what `metadata` returned."""
+        ranges = {name: np.array(metadata[name]) for name in _RANGES}
+        return cls(**{**metadata, **ranges, "task": find_task(metadata["task"])})
 
     @property
     def _frame(self) -> Frame:

@@ -117,9 +117,12 @@ def _near(given: Given, pairs: Pairs, y: Tensor, t: Tensor) -> Tensor | None:
         return None
     x0 = pairs.x0[:LINES]
     x1, t = given.gradient(x0), t[:, None]
-    middles = (1 - t) ** 2 * x0.square().sum(dim=1) + t**2 * x1.square().sum(dim=1)
-    middles = middles + 2 * t * (1 - t) * (x0 * x1).sum(dim=1)
-    return x0[(middles - 2 * ((1 - t) * (y @ x0.T) + t * (y @ x1.T))).argmin(dim=1)]
+    # |y - x_t|^2 without |y|^2, which all lines share; x_t = (1 - t) x0 + t x1.
+    squared = (1 - t) ** 2 * x0.square().sum(dim=1) + t**2 * x1.square().sum(dim=1)
+    squared = squared + 2 * t * (1 - t) * (x0 * x1).sum(dim=1)
+    product = (1 - t) * (y @ x0.T) + t * (y @ x1.T)
+    nearest = (squared - 2 * product).argmin(dim=1)
+    return x0[nearest]
 
 
 @torch.no_grad()

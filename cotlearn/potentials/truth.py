@@ -37,7 +37,7 @@ class LogSumExp(ConvexPotential):
 
     def __init__(self, dim: int, *, seed: int = 0) -> None:
         super().__init__(dim)
-        generator = torch.Generator().manual_seed(validation.check_count(seed, "seed", minimum=0))
+        generator = torch.Generator().manual_seed(validation.check_seed(seed))
         a = torch.randn(PIECES, dim, generator=generator) * math.sqrt(2 / dim)
         self.register_buffer("a", SPREAD * a)
         self.register_buffer("b", SPREAD * torch.randn(PIECES, generator=generator))
@@ -71,7 +71,7 @@ class KnownMap:
     @classmethod
     def gaussian(cls, dim: int, *, seed: int = 0) -> KnownMap:
         """A random Gaussian: standard deviations 0.3 to 2 along random axes, mean from N(0, I)."""
-        generator = torch.Generator().manual_seed(validation.check_count(seed, "seed", minimum=0))
+        generator = torch.Generator().manual_seed(validation.check_seed(seed))
         validation.check_count(dim, "dim")
         axes = torch.linalg.qr(torch.randn(dim, dim, generator=generator))[0]
         slope = axes * torch.linspace(0.3, 2.0, dim) @ axes.T
@@ -171,7 +171,7 @@ def eight_gaussians_map(n: int = 1024, *, seed: int = 0) -> tuple[Tensor, Tensor
     Raises:
         ValueError: n is not a power of 2.
     """
-    validation.check_count(seed, "seed", minimum=0)
+    validation.check_seed(seed)
     if validation.check_count(n, "n") & (n - 1):
         raise ValueError(f"n must be a power of 2, got {n}")
     engines = (torch.quasirandom.SobolEngine(2, scramble=True, seed=seed + k) for k in (0, 1))

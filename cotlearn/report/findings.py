@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from cotlearn.couplings import Coupling, Independent
+from cotlearn.couplings.units import TamedStandardiser
 from cotlearn.datasets import Dataset, Standardiser
 from cotlearn.diagnostics import Recommendation, recommend
 from cotlearn.flows import VelocityMLP, fit, integrate
 from cotlearn.metrics import energy_scores
 from cotlearn.report.model import FewStepModel
 from cotlearn.report.sources import Rows
-from cotlearn.validation import check_count, check_has
+from cotlearn.validation import check_count, check_has, check_seed
 
 TRAININGS = ("independent", "recommended")  #: words in the names of their checkpoints
 FEWEST, FEWEST_OUT = 100, 20  #: rows to train on, and held out
@@ -93,6 +94,8 @@ class Findings:
         free, tried = self.trials[0], self.trials[-1]
         gain, error = (100 * value / free.at(1) for value in self.gain(1))
         if tried is free:
+            if self.advice.regression_wins:
+                return "Use a regression: the data hardly vary, or are too few to learn how."
             return "No gain expected: use independent pairs."
         found = f"{gain:+.1f} % (95 % interval {gain - 2 * error:.1f} to {gain + 2 * error:.1f})"
         if self.chosen is tried:
@@ -108,8 +111,8 @@ class Findings:
         share = float(free.spread[0] / self.advice.spread.within)  # inf where there is none
         own = (
             f"Independent pairs score {free.at(1):.3g} at one evaluation, where their samples have "
-            f"{100 * share:.0f} % of the variance within conditions (a regression: 0 %), and "
-            f"{free.at(NFE[-1]):.3g} at {NFE[-1]}. "
+            f"at least {100 * share:.0f} % of the variance within conditions (a regression: 0 %), "
+            f"and {free.at(NFE[-1]):.3g} at {NFE[-1]}. "
         )
         if self.chosen is free:
             near = f"{needed} evaluation{'s come' if needed != 1 else ' comes'} within 1 % of that."
@@ -144,7 +147,7 @@ def split(rows: Rows, *, seed: int = 0) -> tuple[NDArray[np.int64], NDArray[np.i
     name, n, groups = rows.data.name, len(rows.data), int(rows.group.max()) + 1
     if groups < 4:
         raise ValueError(f"{name} has {groups} groups: at least 4 are needed to split")
-    rng = np.random.default_rng(check_count(seed, "seed", minimum=0))
+    rng = np.random.default_rng(check_seed(seed))
     out = np.isin(rows.group, rng.permutation(groups)[: groups // 4])
     inside, outside = (rng.permutation(np.flatnonzero(part)) for part in (~out, out))
     if len(inside) < FEWEST or len(outside) < FEWEST_OUT:
@@ -166,6 +169,9 @@ def examine(
 ) -> Findings:
     """Diagnose the data, recommend a coupling, train with it and with independent pairs, score.
 
+    Values of a condition that are far from all others, as -9999 for a missing one, are drawn near
+    (`OwnUnits`): else the networks could not tell the others apart.
+
     Args:
         rows: of `read_data` or `from_arrays`; at least 100 to train on and 20 to hold out.
         steps: of each of the two trainings.
@@ -181,12 +187,13 @@ def examine(
     check_has(rows, "rows", "rows, as read_data returns them", "data", "group")
     data, (inside, outside) = rows.data, split(rows, seed=seed)
     assert data.c is not None  # `Rows` have conditions
-    x, c = Standardiser.fit(data.x1[inside]), Standardiser.fit(data.c[inside])
+    x, c = Standardiser.fit(data.x1[inside]), TamedStandardiser.fit(data.c[inside])
     if not x.std.any():
         raise ValueError(f"{data.name}: x1 does not vary, there is nothing to learn")
     x1, condition = x(data.x1), c(data.c)
     train, test = (Dataset(x1[part], condition[part], data.name) for part in (inside, outside))
-    advice = recommend(train.x1, condition[inside], rows=pairs, probe_steps=probe_steps, seed=seed)
+    options: dict[str, Any] = {"rows": pairs, "probe_steps": probe_steps, "seed": seed}
+    advice = recommend(train.x1, condition[inside], groups=rows.group[inside], **options)
     couplings: dict[str, Coupling] = {"independent": Independent(), advice.name: advice.coupling}
     g = torch.Generator().manual_seed(seed)
     noise = torch.randn(DRAWS, *test.x1.shape, generator=g)  # the same for every network
@@ -196,7 +203,7 @@ def examine(
         word = TRAININGS[name != "independent"]
         plain = VelocityMLP(train.dim, train.condition_dim, seed=seed, **NETWORK)
         file = checkpoints and f"{checkpoints}.{word}.training.safetensors"
-        options: dict[str, Any] = {"steps": steps, "batch_size": BATCH, "seed": seed}
+        options = {"steps": steps, "batch_size": BATCH, "seed": seed}
         network = fit(plain, train, coupling, **options, checkpoint=file).network
         made = [torch.stack([integrate(network, z, test.c, nfe=n).x1 for z in noise]) for n in NFE]
         scores = torch.stack([energy_scores(drawn, test.x1) for drawn in made])

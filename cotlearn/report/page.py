@@ -5,12 +5,11 @@ import io
 from collections.abc import Callable
 from pathlib import Path
 
-import jinja2
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from cotlearn import plots
-from cotlearn.files import write_text
+from cotlearn.files import page, write_text
 from cotlearn.report.findings import NFE, Findings
 from cotlearn.results import machine
 
@@ -29,23 +28,18 @@ def write_page(
     Returns:
         The path.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("cotlearn.report", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     scores = {t.coupling: [t.at(n) for n in NFE] for t in findings.trials}
     labels = {t.coupling: t.name for t in findings.trials}
     chart = {"ylabel": "energy score, held-out rows", "log": False, "labels": labels}
-    text = environment.get_template("page.html").render(
+    text = page(
+        "cotlearn.report",
         findings=findings,
         nfe=NFE,
         frontier_figure=_figure(plots.frontier, findings.advice.frontier),
         score_figure=_figure(plots.error_against_nfe, NFE, scores, **chart),
         command=command,
         model=model and Path(model).name,
+        in_python=model and repr(Path(model).name),
         versions=machine("cotlearn", "scikit-learn", "POT")["versions"],
     )
     write_text(path, text)

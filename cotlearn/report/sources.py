@@ -1,8 +1,8 @@
 """Reads your own data: arrays, an .npz, a LeRobot folder, a Diffusion Policy zarr."""
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -10,10 +10,19 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from cotlearn.datasets import Dataset
+from cotlearn.files import reading
 from cotlearn.robots.episodes.checked import window_rows
-from cotlearn.robots.episodes.lerobot import ACTION, AGENT, BLOCK, read_frames
-from cotlearn.robots.episodes.replay import read_buffer
-from cotlearn.validation import check_count, check_matrix, check_real, check_same_rows
+from cotlearn.robots.episodes.lerobot import OBSERVATIONS, read_frames, tables
+from cotlearn.robots.episodes.replay import is_buffer, read_buffer
+from cotlearn.robots.layout import ACTION
+from cotlearn.validation import (
+    check_count,
+    check_input,
+    check_matrix,
+    check_real,
+    check_same_rows,
+    check_single,
+)
 
 MOST_LABELS = 64  #: distinct values of a vector of labels
 EXPECTED = "an .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr"
@@ -52,16 +61,14 @@ def read_data(path: str | Path, *, observe: int = 2, predict: int = 16) -> Rows:
         ValueError: the file is damaged, of no known layout, or its arrays do not fit; names them.
         TypeError: an array does not hold numbers.
     """
-    path = Path(path)
-    if not (path.is_file() or path.is_dir()):  # a pipe would be read without end
-        raise FileNotFoundError(f"no such file: {path}")
+    path = check_input(path)
     if path.suffix == ".npz":
         return _read_npz(path)
-    if ".zarr" in path.suffixes:
+    if is_buffer(path):
         state, action, ends = read_buffer(path, ("data/state", "data/obs"))
-    elif any(path.glob("data/**/*.parquet")):
+    elif tables(path):
         columns, ends = read_frames(path)
-        state = np.hstack([columns[name] for name in (AGENT, BLOCK) if name in columns])
+        state = np.hstack([columns[name] for name in OBSERVATIONS if name in columns])
         action = columns[ACTION]
     else:
         raise ValueError(f"{path} is of no known layout: expected {EXPECTED}")
@@ -86,7 +93,7 @@ def from_arrays(
         TypeError: an array does not hold numbers.
         ValueError: shapes do not match, or values are not finite; says which and where.
     """
-    condition = check_real(c, "c", "fiubUS")
+    condition = _numbers_or_strings(c, "c")
     labels = condition.ndim == 1 and condition.dtype.kind in "UiubS"
     if labels:
         found, index = np.unique(condition, return_inverse=True)
@@ -99,7 +106,7 @@ def from_arrays(
     data = Dataset(_numbers(x1, "x1"), _numbers(condition, "c"), name)
     k = data.condition_dim
     words = f"{k} labels" if labels else f"conditions of {k} numbers"
-    together = np.arange(len(data)) if group is None else check_real(group, "group", "fiubUS")
+    together = np.arange(len(data)) if group is None else _numbers_or_strings(group, "group")
     if together.shape != (len(data),):
         raise ValueError(f"group must have shape ({len(data)},), got {together.shape}")
     _, together = np.unique(together, return_inverse=True)
@@ -137,23 +144,34 @@ def from_episodes(
     return Rows(rows.data, rows.group, about)
 
 
+def _numbers_or_strings(value: ArrayLike, name: str) -> NDArray[Any]:
+    """An array of real numbers or strings; pandas and NumPy may hold strings as objects."""
+    dtype = getattr(value, "dtype", None)
+    if getattr(dtype, "kind", "") in ("O", "T"):
+        items = np.asarray(value, dtype=object)
+        if all(isinstance(item, str) for item in items.flat):
+            return items.astype(str)
+    return check_real(value, name, "fiubUS")
+
+
 def _numbers(value: ArrayLike, name: str) -> Tensor:
     """Numbers as a finite float32 tensor (n, k)."""
     array = check_real(value, name)
     if array.size == 0 or array.ndim == 0:
         raise ValueError(f"{name} must have rows, got shape {array.shape}")
-    rows = torch.from_numpy(array.reshape(len(array), -1).astype(np.float64))
-    return check_matrix(rows.float(), name)
+    rows = array.reshape(len(array), -1)
+    check_matrix(torch.from_numpy(rows.astype(np.float64)), name)
+    return check_matrix(check_single(rows, name), name)
 
 
 def _read_npz(path: Path) -> Rows:
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {key: stored[key] for key in ("x1", "c", "group") if key in stored}
-            names = stored.files
-    except (zipfile.BadZipFile, EOFError, OSError, ValueError, MemoryError) as error:
-        what = f"{path} is damaged, no .npz file, or holds Python objects"
-        raise ValueError(f"{what}: {error}") from error
+    with (
+        reading(path, "no .npz file, or holds Python objects"),
+        path.open("rb") as file,
+        np.load(file, allow_pickle=False) as stored,
+    ):
+        arrays = {key: stored[key] for key in ("x1", "c", "group") if key in stored}
+        names = stored.files
     if missing := [key for key in ("x1", "c") if key not in arrays]:
         raise ValueError(f"{path} has no array {' and no array '.join(missing)}; it has {names}")
     return from_arrays(**arrays, name=path.name)

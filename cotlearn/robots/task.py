@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cotlearn.robots.layout import LeRobotLayout
 from cotlearn.validation import check_real
 
 Array = NDArray[np.float64]
@@ -109,9 +110,9 @@ class Task:
         score: the outcome by which policies are compared.
         modes: number of modes (values of the outcome "mode").
         mode_steps: control steps after which the mode is known.
-        demonstrations: file name of the course's demonstrations in `data/`.
         expert: creates the demonstrator.
-        state_units: unit to which each column of a state is rounded in files.
+        state_units: unit to which each column of a state is rounded in files, whose numbers have 16
+            bits: values lie within 32,767 units. Angles in units of 2 pi / 65536 wrap around.
         action_units: unit of each column of an action; actions are multiples of it.
         packages: packages whose versions a recording stores.
         thresholds: outcome -> (other outcome, value above which the outcome is 1, else 0).
@@ -119,6 +120,8 @@ class Task:
             ratio.
         early_steps: control steps after which rollouts note the score as well, as
             `<score>_<steps>`; None: they do not.
+        demonstrations: file name of the course's demonstrations in `data/`; empty: none ship.
+        lerobot: how LeRobot's data sets show its states; None: they are not read.
     """
 
     title: str
@@ -134,7 +137,6 @@ class Task:
     score: str
     modes: int
     mode_steps: int
-    demonstrations: str
     expert: Callable[[], Expert]
     state_units: tuple[float, ...]
     action_units: tuple[float, ...]
@@ -143,6 +145,8 @@ class Task:
     thresholds: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     capped: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     early_steps: int | None = None
+    demonstrations: str = ""
+    lerobot: LeRobotLayout | None = None
 
     @property
     def name(self) -> str:
@@ -153,6 +157,17 @@ class Task:
     def strictest(self) -> str:
         """The last outcome in `thresholds`, which has the highest threshold; else the score."""
         return next(reversed(tuple(self.thresholds)), self.score)
+
+
+def check_started(simulation: Any) -> Any:
+    """Return the simulation of an environment; None, before the first reset, is refused.
+
+    Raises:
+        RuntimeError: there is none.
+    """
+    if simulation is None:
+        raise RuntimeError("the environment has no state yet: call env.reset() first")
+    return simulation
 
 
 def chosen_start(options: Mapping[str, Any] | None, limits: ArrayLike) -> Array | None:

@@ -44,7 +44,7 @@ for _name, _coupling in COUPLINGS.items():
         **PAIRS,
     )
 _index = {"source_index": torch.arange(N), "target_index": torch.arange(N)}
-_pairs = {**PAIRS, **_index, "weight": torch.ones(N)}
+_pairs = {**PAIRS, **_index, "weight": torch.ones(N), "group": torch.arange(N)}
 add("couplings.Pairs", couplings.Pairs, bare=tuple(_pairs), **_pairs)
 add("couplings.SemidiscreteOT.fit", COUPLINGS["SemidiscreteOT"].fit, x1=X1, c=C)
 add("couplings.KMeansCondition.fit", couplings.KMeansCondition(2).fit, c=C)

@@ -4,9 +4,11 @@ from functools import partial
 
 import numpy as np
 import torch
+from support import toys
 
 from array_cases.base import PETALS, X0, X1, C, N, add, g, labels, rows
-from cotlearn import datasets, flows, gaussian, mixtures, report
+from cotlearn import datasets, flows, gaussian, report
+from cotlearn.couplings.units import TamedStandardiser
 
 DATA = datasets.Dataset(rows(40, seed=3), labels(40))
 LINEAR = gaussian.LinearGaussian.example()
@@ -15,8 +17,7 @@ SPD = np.array([[2.0, 0.5], [0.5, 1.0]])
 
 add("datasets.Dataset", datasets.Dataset, x1=X1, c=C)
 add("datasets.Dataset.sample_given", lambda c: DATA.sample_given(c, generator=g()), c=C)
-for _name in ("petals", "moving_modes", "rotating_pair", "eight_gaussians", "moons", "fork"):
-    _data = getattr(mixtures, _name)()
+for _name, _data in toys().items():
     _c = _data.sample_conditions(N, generator=g())
     _key = f"mixtures.ConditionalGaussianMixture.{{}}, {_name}"
     add(_key.format("sample_given"), lambda c, d=_data: d.sample_given(c, generator=g()), c=_c)
@@ -37,7 +38,7 @@ add("gaussian.bures_squared", gaussian.bures_squared, first=SPD, second=np.eye(2
 
 # --- data of one's own ---
 
-_scales = [datasets.Standardiser(torch.ones(d), torch.ones(d)) for d in (2, 3)]
+_scales = datasets.Standardiser.fit(X1), TamedStandardiser.fit(C)
 _few = report.FewStepModel(flows.VelocityMLP(2, 3, width=8, depth=1, seed=0), *_scales, {})
 add("report.FewStepModel.sample", lambda c: _few.sample(c, generator=g()), c=C)
 add("report.from_arrays", report.from_arrays, x1=X1.numpy(), c=C.numpy(), group=np.arange(N))

@@ -18,6 +18,7 @@ _noise = torch.randn(3, N, D, generator=g())
 add("flows.diffusion.Diffusion.ddpm", partial(_diffusion.ddpm, NETWORK), x=X0, c=C, noise=_noise)
 JUMPS = one_step.MeanVelocity(flows.VelocityMLP(D, C.shape[1] + 1, width=8, depth=1, seed=0))
 add("flows.one_step.jump", lambda x0, c: one_step.jump(JUMPS, x0, c, nfe=2), x0=X0, c=C)
+add("flows.one_step.Drifting.sample", partial(one_step.Drifting().sample, NETWORK), x0=X0, c=C)
 add("flows.one_step.TwoPasses.sample", partial(one_step.TwoPasses().sample, NETWORK), x0=X0, c=C)
 
 # --- metrics ---

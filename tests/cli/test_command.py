@@ -21,12 +21,12 @@ def test_the_help_of_a_group_names_the_tasks(group):
     assert "push-t" in CliRunner().invoke(cli.app, [group, "--help"]).output
 
 
-@pytest.mark.parametrize(("package", "extra"), [("mujoco", "course"), ("ray", "machines")])
+@pytest.mark.parametrize(("package", "extra"), [("mujoco", "course"), ("ray", "peers")])
 def test_a_missing_package(package, extra, capsys):
     with pytest.raises(typer.Exit) as stopped, cli.terminal.reported():
         raise ModuleNotFoundError(name=package)
     assert stopped.value.exit_code == 2
-    said = f"{package} is not installed; install it with: pip install 'cotlearn[{extra}]'"
+    said = f"{package} is not installed; install it with: pip install '.[{extra}]'"
     assert said in capsys.readouterr().err
 
 
@@ -38,9 +38,9 @@ def test_a_command_gets_the_shared_options_that_were_given():
     def command(name: cli.policies.Name, options: dict, seed: int = 0) -> None:
         seen.append((name, options, seed))
 
-    CliRunner().invoke(app, ["push-t", "--steps", "7", "--network", "unet", "--seed", "3"])
+    CliRunner().invoke(app, ["push-t", "--steps", "7", "--frame", "world", "--seed", "3"])
     CliRunner().invoke(app, ["push-t"])
-    assert seen == [("push-t", {"steps": 7, "network": "unet"}, 3), ("push-t", {}, 0)]
+    assert seen == [("push-t", {"steps": 7, "frame": "world"}, 3), ("push-t", {}, 0)]
     setting, file = cli.policies.setting("push-t", {"steps": 7}, None)
     assert setting.options.steps == 7
     assert file.name == "push_t_demos.npz"

@@ -1,4 +1,5 @@
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import nbformat
@@ -6,8 +7,9 @@ import pytest
 from nbformat.v4 import new_code_cell, new_notebook
 from typer.testing import CliRunner
 
-from cotlearn import assets, cli, doctor
+from cotlearn import cli
 from cotlearn.cli import course
+from cotlearn.course import assets, doctor
 
 
 def invoke(*arguments):
@@ -65,9 +67,7 @@ def test_run_refuses_a_damaged_notebook(tmp_path):
 def launched(monkeypatch):
     """Records the command that would start JupyterLab."""
     commands = []
-    monkeypatch.setattr(
-        course.subprocess, "call", lambda command, env: commands.append((command, env)) or 0
-    )
+    monkeypatch.setattr(course, "_serve", lambda *given: commands.append(given) or 0)
     return commands
 
 
@@ -90,7 +90,7 @@ def test_lab_with_a_display_opens_a_browser(launched, monkeypatch):
     monkeypatch.setattr(course, "_has_display", lambda: True)
     monkeypatch.setattr(course.os, "geteuid", lambda: 1000, raising=False)
     invoke("lab")
-    assert len(launched[0][0]) == 5  # nothing but the folder and the first page
+    assert len(launched[0][0]) == 6  # nothing but the folder, the first page and no question
 
 
 def test_lab_from_a_wheel_copies_once(launched, tmp_path, monkeypatch):
@@ -109,7 +109,7 @@ def test_lab_from_a_wheel_copies_once(launched, tmp_path, monkeypatch):
 def test_lab_without_jupyterlab_says_what_to_install(monkeypatch):
     monkeypatch.setattr(course.importlib.util, "find_spec", lambda name: None)
     result = invoke("lab")
-    assert (result.exit_code, "pip install 'cotlearn[course]'" in result.output) == (2, True)
+    assert (result.exit_code, "pip install '.[course]'" in result.output) == (2, True)
 
 
 def examined(monkeypatch, *findings):
@@ -144,3 +144,13 @@ def test_doctor_looks_at_this_machine():
     assert doctor.check_matplotlib().ok
     assert doctor.check_processor().ok
     assert "GB free" in doctor.check_disk().found
+
+
+def test_help_is_grouped_and_the_version_is_printed():
+    run = invoke("--version")
+    assert (run.exit_code, run.output.strip()) == (0, version("cotlearn"))
+    words = invoke("--help").output
+    learn, use, teach = (words.index(f" {panel} ") for panel in ("Learn", "Use", "Teach"))
+    assert learn < words.index("doctor")
+    assert use < words.index("report ") < words.index("watch")
+    assert teach < words.index("grade")

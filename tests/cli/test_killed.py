@@ -1,6 +1,6 @@
 """Ctrl-C or kill -9 in the middle of a command: the same command goes on, and nothing is lost.
 
-`grade`, `check`, `run` and `homework` have tests in tests/homework.
+`grade`, `check`, `run` and `homework` have tests in tests/course.
 """
 
 import contextlib
@@ -30,11 +30,11 @@ def command(words, folder):
     from cotlearn.cli import app
     from cotlearn.diagnostics import recommendation
     from cotlearn.flows import training
-    from cotlearn.policies.comparison import scores
+    from cotlearn.policies import scores
 
     candidates = recommendation.candidates
     recommendation.candidates = lambda x1, c: dict(islice(candidates(x1, c).items(), 2))
-    training.fit.__kwdefaults__["checkpoint_every"] = 100
+    training.CHECKPOINT_EVERY = 100
     scores.MODE_STARTS = scores.MODE_DRAWS = 2
     os.environ["COTLEARN_PROGRESS"] = "0"
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a `make test &` ignores Ctrl-C
@@ -131,15 +131,13 @@ def test_report(tmp_path, start, number):
 
 
 def test_bench(tmp_path, start, number):
-    words = ["bench", "arm-ring", "--methods", "behaviour_cloning", "--seeds", "0,1"]
-    words += ["--episodes", 2, "--train-episodes", 20, "--held-out", 5, "--steps", 20]
-    words += ["--batch-size", 4, "--folder", "cells", "--weights", "weights"]
-    words += ["--summary", "summary.json"]
-    first = tmp_path / "cells" / "behaviour_cloning-0.json"
-    end_when_there_is(first, start(words, tmp_path), number)
-    before = first.read_bytes()
+    words = ["bench", "arm-ring", "behaviour_cloning", "--seeds", "0,1", "--episodes", 2]
+    words += ["--train-episodes", 20, "--steps", 20, "--batch-size", 4]
+    words += ["--tables", "tables", "--weights", "weights"]
+    table = tmp_path / "tables" / "study.csv"
+    end_when_there_is(table, start(words, tmp_path), number)
+    before = table.read_text().splitlines()
     assert "2 cells, 1 done already" in finish(start(words, tmp_path), tmp_path)
-    assert first.read_bytes() == before
-    assert (tmp_path / "cells" / "behaviour_cloning-1.json").exists()
-    assert (tmp_path / "summary.json").exists()
+    assert table.read_text().splitlines()[: len(before)] == before
+    assert len(table.read_text().splitlines()) == len(before) + 1
     assert not list((tmp_path / "weights").glob("*training*"))

@@ -11,7 +11,9 @@ import typer
 from safetensors import SafetensorError
 from typer.testing import CliRunner
 
-from cotlearn import assets, cli, doctor, storage
+from cotlearn import cli, storage
+from cotlearn.cli import policies
+from cotlearn.course import assets, doctor
 
 
 def refused(*arguments):
@@ -50,10 +52,68 @@ def test_out_is_looked_at_before_the_work(command, tmp_path):
     assert "out must be a file, got the folder" in refused(*command, "--out", tmp_path)
 
 
+@pytest.mark.parametrize("out", ["", ".", "/"])
+@pytest.mark.parametrize("command", [("train", "push-t"), ("demos", "push-t"), ("report", "a.npz")])
+def test_an_out_that_has_no_name(command, out):
+    assert "out must be a file, got the folder" in refused(*command, "--out", out)
+    assert "out must be a file" in refused("grade", ".", "--out", out)
+
+
+def test_demonstrations_of_another_task(tmp_path):
+    ring = assets.find_data("arm_ring_demos.npz")
+    for name in ("arm-avoid", "push-t"):
+        for command in ("train", "bench"):
+            said = refused(command, name, "--data", ring)
+            assert f"holds demonstrations of arm-ring, but {name} needs those of {name}" in said
+    setting, episodes = policies.setting("arm-ring", {}, ring)
+    assert (setting.task, episodes.task.name) == ("arm-ring", "arm-ring")
+
+
+def test_data_are_never_overwritten(tmp_path):
+    np.savez(data := tmp_path / "mine.npz", x1=np.zeros((9, 2)), c=np.zeros((9, 1)))
+    before, page = data.read_bytes(), tmp_path / "page.html"
+    same = ["report", data, "--out", page, "--model", page]
+    assert "out and model must be two files" in refused(*same)
+    assert "data and out must be two files" in refused("report", data, "--out", data)
+    assert "data and model must be two files" in refused("report", data, "--model", data)
+    assert "out and model" in refused("report", data, "--out", tmp_path / "my.safetensors")
+    assert "data and out" in refused("train", "push-t", "--data", data, "--out", data)
+    assert data.read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.npz"]
+
+
+@pytest.mark.parametrize("name", ["demos.zarr", "lerobot"])
+def test_nothing_is_written_into_a_folder_of_data(tmp_path, monkeypatch, name):
+    (data := tmp_path / name).mkdir()
+    for out in (data / "r.html", data / "new" / "r.html"):
+        assert "out must lie outside the folder" in refused("report", data, "--out", out)
+        assert "out must lie outside" in refused("train", "push-t", "--data", data, "--out", out)
+    page = tmp_path / "r.html"
+    said = refused("report", data, "--out", page, "--model", data / "m.safetensors")
+    assert "model must lie outside the folder" in said
+    bench = ["bench", "push-t", "--data", data]
+    assert "tables must lie outside" in refused(*bench, "--tables", data)
+    elsewhere = ["--tables", tmp_path, "--weights", data / "w"]
+    assert "weights must lie outside" in refused(*bench, *elsewhere)
+    monkeypatch.chdir(data)
+    assert "out must lie outside the folder . of data" in refused("report", ".")
+    assert not list(data.iterdir())
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_outputs_over_inputs(tmp_path):
+    (file := tmp_path / "mine.py").write_text("coupling = 3")
+    assert "file and out must be two files" in refused("challenge", file, "--out", file)
+    assert "out and page" in refused("challenge", file, "--out", tmp_path / "a.html")
+    (film := tmp_path / "a.gif").touch()
+    assert "policy and out" in refused("watch", "push-t", "--policy", film, "--out", film)
+    assert file.read_text() == "coupling = 3"
+
+
 def test_pages_and_tables_are_looked_at_before_the_work(tmp_path):
     (file := tmp_path / "file").touch()
     assert "html cannot be written to" in refused("run", "00", "--html", file)
-    assert "cannot be written to" in refused("bench", "push-t", "--folder", file)
+    assert "cannot be written to" in refused("bench", "push-t", "--tables", file)
     assert "out cannot be written to" in refused("homework", "--out", file)
     (tmp_path / "in").mkdir()
     assert "out cannot be written to" in refused("grade", tmp_path / "in", "--out", file / "a.csv")

@@ -294,7 +294,7 @@ def test_a_stream_weighs_every_part_of_an_ot_batch():
 
 def test_what_it_says_of_itself():
     coupling = ModelAligned("full", condition_weight=2.0)
-    assert (coupling.name, coupling.uses_network) == ("aligned", True)
+    assert (coupling.name, coupling.traits.needs_network) == ("aligned", True)
     before = repr(coupling)
     coupling.observe(Still(), 3)
     coupling(*batch())

@@ -2,6 +2,9 @@
 
 import itertools
 import math
+import warnings
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,12 +12,22 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import joined, refused, same, seeded, take
+from torch.utils.data import DataLoader, IterableDataset
 
 from cotlearn import couplings
-from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, StratifiedOT
-from cotlearn.couplings.base import Match, draw_noise, generator_for, squared_distances, to_numpy
+from cotlearn.couplings import (
+    ConditionalOT,
+    Coupling,
+    Independent,
+    MinibatchOT,
+    StratifiedOT,
+    base,
+)
+from cotlearn.couplings.base import Match, Pairs, draw_noise, squared_distances, to_numpy
 from cotlearn.datasets import Dataset, unconditional
+from cotlearn.flows import VelocityMLP, fit
 from cotlearn.mixtures import petals
+from cotlearn.randomness import generator_for
 
 
 def zero_network(coupling):
@@ -30,6 +43,7 @@ COUPLINGS = [
     ConditionalOT(0.0),
     ConditionalOT(10.0),
     ConditionalOT(math.inf),
+    ConditionalOT(),
     ConditionalOT("balanced"),
     ConditionalOT(3.0, label="source"),
     zero_network(couplings.ModelAligned("weighted")),
@@ -59,7 +73,7 @@ def new_couplings():
 
 
 for new in new_couplings():
-    (WHOLE if new.whole_data else COUPLINGS).append(new)
+    (WHOLE if new.traits.whole_data else COUPLINGS).append(new)
 BATCHES = COUPLINGS + WITH_REPLACEMENT
 # What the semidiscrete coupling keeps to does not need a converged potential.
 pytestmark = pytest.mark.filterwarnings("ignore:the potential has not converged")
@@ -135,6 +149,53 @@ def test_integer_conditions_are_labels_of_the_network_as_they_came():
     whole = ConditionalOT(5.0)(x0, x1, c.long(), generator=seeded())
     real = ConditionalOT(5.0)(x0, x1, c, generator=seeded())
     assert torch.equal(whole.target_index, real.target_index)
+
+
+@pytest.mark.parametrize("dtype", [torch.long, torch.uint8, torch.bool], ids=str)
+@pytest.mark.parametrize("coupling", [*COUPLINGS, *WHOLE, *SEARCH], ids=repr)
+@pytest.mark.filterwarnings("ignore")
+def test_integer_conditions_pair_as_their_floats(coupling, dtype):
+    """The units of `ConditionalOT()` are measured on floats."""
+    g = seeded()
+    x0, x1 = torch.randn(24, 2, generator=g), torch.randn(24, 2, generator=g)
+    c = torch.eye(3)[torch.randint(3, (24,), generator=g)]
+    pairs, as_floats = (coupling(x0, x1, seen, seeded(1)) for seen in (c.to(dtype), c))
+    assert pairs.c.dtype == dtype
+    assert torch.equal(pairs.c.float(), as_floats.c)
+    assert torch.equal(pairs.x0, as_floats.x0)
+    assert torch.equal(pairs.x1, as_floats.x1)
+    assert coupling.candidates(x0, x1, c.to(dtype)) == coupling.candidates(x0, x1, c)
+
+
+def test_a_sampler_may_return_integer_labels():
+    class Labels:
+        dim, condition_dim, name = 2, 3, "labels"
+
+        def sample(self, n, generator=None):
+            own = torch.randint(3, (n,), generator=generator)
+            return torch.randn(n, 2, generator=generator), torch.nn.functional.one_hot(own, 3)
+
+    network = VelocityMLP(2, 3, width=8, depth=1)
+    fit(network, Labels(), ConditionalOT(), steps=2, batch_size=16, seed=0, progress=False)
+
+
+@pytest.mark.parametrize("scale", [1e-170, 1e-300, 1e160, 1e300])
+def test_numbers_whose_squares_float64_does_not_hold_are_refused(scale):
+    """Of 1e-170 all costs were 0, and pairs 24 times as dear as the best."""
+    x0, x1, c = batch(dtype=torch.float64)
+    with pytest.raises(ValueError, match=r"x0 and x1 must have values between .*; x[01] has "):
+        MinibatchOT()(scale * x0, scale * x1)
+    with pytest.raises(ValueError, match=r"c must have values between .*; c has values up"):
+        ConditionalOT("balanced")(x0, x1, scale * c)
+    assert torch.equal(Independent()(scale * x0, scale * x1).x0, scale * x0)
+
+
+@pytest.mark.parametrize("scale", [1e-138, 1e-30, 1e30, 1e140])
+def test_numbers_whose_squares_float64_holds_pair_as_others(scale):
+    x0, x1, c = batch(dtype=torch.float64)
+    for coupling in (MinibatchOT(), ConditionalOT()):
+        small, plain = coupling(scale * x0, scale * x1, c, seeded()), coupling(x0, x1, c, seeded())
+        assert torch.equal(small.target_index, plain.target_index)
 
 
 def test_independent_pairs_are_row_and_row():
@@ -295,15 +356,15 @@ test_bad_stream_options = refused(
 @pytest.mark.parametrize("coupling", [Independent(), *COUPLINGS[1:5]], ids=repr)
 def test_a_larger_ot_batch_gives_more_candidates_where_it_is_used(coupling):
     small, large = (coupling.candidates(*batch(n)) for n in (16, 64))
-    assert coupling.uses_ot_batch == (large > small)
+    assert coupling.traits.uses_ot_batch == (large > small)
 
 
 def test_couplings_of_all_the_data_take_no_ot_batch():
     x1, c = petals().sample(40, generator=seeded())
     search = couplings.SemidiscreteOT(iterations=1)
     for coupling in (StratifiedOT(), search, couplings.FixedPairs(x1)):
-        assert coupling.whole_data
-        assert not coupling.uses_ot_batch
+        assert coupling.traits.whole_data
+        assert not coupling.traits.uses_ot_batch
         for options, message in (
             ({"ot_batch_size": 16}, r"must be equal to batch_size 8 for .*, got 16"),
             ({"start": -1}, "start must be at least 0"),
@@ -320,14 +381,6 @@ def test_data_that_turn_bad_are_named():
 
     with pytest.raises(ValueError, match="x1 has NaN"):
         next(Independent().stream(Broken(), batch_size=4))
-
-
-def test_generators_differ_by_seed_number_and_purpose():
-    drawn = {
-        float(torch.rand(1, generator=generator_for(*key)))
-        for key in itertools.product((0, 1, 2**40, -1), (0, 1, 5), (0, 1))
-    }
-    assert len(drawn) == 4 * 3 * 2
 
 
 def test_distances_and_noise():
@@ -367,3 +420,192 @@ def test_a_function_in_the_options_has_the_same_name_in_every_process():
     text = repr(ConditionalOT(1.0, condition=half))
     assert "half" in text
     assert " at 0x" not in text
+
+
+# --- in the workers of a DataLoader ---
+
+
+class Stream(IterableDataset):
+    """A seeded stream, cut after some batches of each worker."""
+
+    def __init__(self, coupling, data, batches, start=0):
+        self.options = coupling, data, batches, start
+
+    def __iter__(self):
+        coupling, data, batches, start = self.options
+        stream = coupling.stream(data, batch_size=8, generator=seeded(3), start=start)
+        return itertools.islice(stream, batches)
+
+
+def test_workers_share_the_batches_of_a_seeded_stream():
+    """They gave 8 batches of which 4 were distinct."""
+    data = petals()
+    loader = DataLoader(Stream(MinibatchOT(), data, 3), batch_size=None, num_workers=2)
+    alone = take(MinibatchOT(), data, 6, batch_size=8, generator=seeded(3))
+    assert all(same(a, b) for a, b in zip(loader, alone, strict=True))
+
+
+@pytest.mark.parametrize("start", [0, 3, 7])
+@pytest.mark.parametrize("workers", [2, 3, 5])
+@pytest.mark.parametrize("ot_batch_size", [8, 32])
+def test_every_batch_has_one_worker_whatever_the_numbers(
+    monkeypatch, start, workers, ot_batch_size
+):
+    options = {"batch_size": 8, "ot_batch_size": ot_batch_size, "start": start}
+    alone = take(Independent(), petals(), 15, **options)
+    shares = []
+    for own in range(workers):
+        worker = SimpleNamespace(num_workers=workers, id=own, seed=0)
+        monkeypatch.setattr(base, "get_worker_info", lambda worker=worker: worker)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a stream's own generators are no copies
+            shares.append(take(Independent(), petals(), 15 // workers, **options))
+    turns = [share[k] for k in range(15 // workers) for share in shares]
+    assert all(same(a, b) for a, b in zip(turns, alone, strict=False))
+
+
+def test_a_generator_that_all_workers_have_is_said(monkeypatch):
+    x0, x1, c = batch()
+    worker = SimpleNamespace(num_workers=2, id=1, seed=77)
+    monkeypatch.setattr(base, "get_worker_info", lambda: worker)
+    with pytest.warns(UserWarning, match="draws the same in each of them"):
+        Independent()(x0, x1, c, generator=seeded(0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Independent()(x0, x1, c)
+        Independent()(x0, x1, c, generator=seeded(77))
+
+
+# --- what a user's data, noise and couplings return ---
+
+
+def answering(**answer):
+    """Data, a source of noise, or a coupling, with a wrong answer."""
+    if "rows" in answer:
+        return SimpleNamespace(sample=lambda n, generator=None: answer["rows"](n))
+    coupling = Coupling()
+    coupling.match = lambda x0, x1, c, rng: answer["match"](len(x0))
+    return coupling
+
+
+def drawn(rows):
+    return lambda: take(MinibatchOT(), answering(rows=rows), 1)
+
+
+def matched(match):
+    return lambda: answering(match=match)(*batch())
+
+
+ROWS = torch.randn(100, 2)
+test_wrong_answers_are_named = refused(
+    (drawn(lambda n: (ROWS[:8], None)), ValueError, r"sample\(20\) must return 20 rows of x1"),
+    (drawn(lambda n: (ROWS[:n], ROWS[:8])), ValueError, "must return 20 rows of c, got shape"),
+    (drawn(lambda n: ROWS[:n]), TypeError, r"sample\(n\) must return \(x1, c\), got Tensor"),
+    (drawn(lambda n: (ROWS[:n].numpy(), None)), TypeError, "x1 as a torch tensor, got ndarray"),
+    (drawn(lambda n: (ROWS[:n].tolist(), None)), TypeError, "x1 as a torch tensor, got list"),
+    (drawn(lambda n: (ROWS[:n], [1] * n)), TypeError, "c as a torch tensor, got list"),
+    (matched(lambda n: Match(*[np.arange(n // 2)] * 2)), ValueError, "source_index as 24 rows"),
+    (matched(lambda n: Match(np.arange(n), np.arange(n) + 1)), ValueError, "target.* from 1 to 24"),
+    (matched(lambda n: Match(np.arange(n), -np.ones(n, int))), ValueError, "target.* from -1 to"),
+    (matched(lambda n: Match(np.arange(n), np.ones(n))), ValueError, "target.* got torch.float64"),
+    (matched(lambda n: (np.arange(n), np.arange(n))), TypeError, "must be a Match, got"),
+)
+
+
+def with_x1(change):
+    def match(x0, x1, c, rng):
+        return Match(np.arange(24), np.arange(24), x1=change(x1))
+
+    coupling = Coupling()
+    coupling.match = match
+    return lambda: coupling(*batch())
+
+
+test_data_of_a_match_are_looked_at = refused(
+    (with_x1(lambda x: x * math.nan), ValueError, "x1 of match has NaN"),
+    (with_x1(lambda x: x[:3]), ValueError, r"x1 of match must have shape \(24, 2\)"),
+    (with_x1(lambda x: x.long()), TypeError, "x1 of match must have a floating-point tensor"),
+)
+
+
+def test_data_of_a_match_get_the_type_of_the_data():
+    assert with_x1(lambda x: x.double())().x1.dtype == torch.float32
+
+
+def changed(**parts):
+    return lambda: replace(Independent()(*batch()), **parts)
+
+
+test_rows_of_pairs_are_looked_at = refused(
+    (changed(source_index=torch.arange(3)), ValueError, r"source_index must have shape \(24,\)"),
+    (changed(target_index=torch.ones(24)), TypeError, "target_index must be a tensor of integers"),
+    (changed(target_index=None), TypeError, "target_index must be a tensor of integers, got None"),
+    (
+        changed(group=torch.zeros(3).long()),
+        ValueError,
+        r"group must have shape \(24,\), got",
+    ),
+)
+
+
+def of(**parts):
+    given = {"x0": torch.zeros(4, 2), "x1": torch.zeros(4, 2), "c": torch.zeros(4, 1)}
+    return lambda: MinibatchOT()(**given | parts)
+
+
+EYE = torch.eye(4, 2)
+test_tensors_without_numbers_are_named = refused(
+    (of(x0=EYE.to("meta")), "x0 must hold numbers, got a tensor on the device 'meta'"),
+    (of(x1=EYE.to_sparse()), "x1 must be a dense tensor, got torch.sparse_coo: pass x1.to_dense"),
+    (of(c=EYE.to_sparse()), "c must be a dense tensor"),
+    (of(c=EYE.long().to("meta")), "c must hold numbers"),
+    (of(c=EYE.to(torch.float8_e4m3fn)), "c must have 16, 32 or 64 bits a number, got"),
+    (lambda: Dataset(EYE.to(torch.float8_e5m2)), "x1 must have 16, 32 or 64 bits"),
+    (lambda: Dataset(EYE, EYE.to("meta")), "c must hold numbers"),
+    error=TypeError,
+)
+
+
+def test_a_match_of_tensors_and_noise_of_another_type_are_taken():
+    pairs = answering(match=lambda n: Match(torch.arange(n), torch.arange(n).flip(0)))(*batch())
+    assert pairs.target_index.tolist() == list(range(23, -1, -1))
+    source = lambda n, generator=None: torch.randn(n, 2, dtype=torch.float64, generator=generator)  # noqa: E731
+    assert take(MinibatchOT(), petals(), 1, source=source)[0].x0.dtype == torch.float32
+
+
+def test_a_stream_ends_where_a_coupling_leaves_rows_out():
+    """It yielded nothing, for ever."""
+    coupling = Independent()
+    coupling.solve = lambda data, n, source, rng: Coupling.solve(
+        coupling, data, n // 2, source, rng
+    )
+    with pytest.raises(ValueError, match="solve of Independent must return 20 pairs, got 10"):
+        take(coupling, petals(), 1)
+
+
+def weighed(weight):
+    return lambda: replace(Independent()(*batch()), weight=weight)
+
+
+test_weights_that_would_broadcast_or_pull_apart_are_refused = refused(
+    (weighed(torch.ones(24, 1)), r"weight must have shape \(24,\), got \(24, 1\)"),
+    (weighed(torch.full((24,), -1.0)), "weight must be at least 0, got -1"),
+    (weighed(torch.full((24,), math.nan)), "weight must be at least 0, got nan"),
+    (weighed(torch.full((24,), math.inf)), "weight must be finite, got inf"),
+    error=ValueError,
+)
+
+
+def test_a_loader_pins_every_tensor_of_the_pairs(monkeypatch):
+    pinned = []
+    monkeypatch.setattr(torch.Tensor, "pin_memory", lambda t: pinned.append(t) or t.clone())
+    c = torch.eye(3)
+    pairs = MinibatchOT()(torch.randn(3, 2), torch.randn(3, 2), c).pin_memory()
+    assert isinstance(pairs, Pairs)
+    assert len(pinned) == 5  # x0, x1, c and both indices; there is no weight
+
+
+def test_pairs_are_printed_in_a_line():
+    pairs = Independent()(torch.randn(9, 2), torch.randn(9, 2), torch.randn(9, 3))
+    shown = "x0 (9, 2), x1 (9, 2), c (9, 3), source_index (9,), target_index (9,)"
+    assert repr(pairs) == f"Pairs({shown})"

@@ -133,7 +133,7 @@ def test_balanced_is_the_published_rule(make):
     assert 30 < w * condition_cost.mean() / sample_cost.mean() < 300  # about 100 times
 
 
-def test_balanced_is_the_default_and_does_not_depend_on_the_scale_of_the_condition():
+def test_balanced_does_not_depend_on_the_scale_of_the_condition():
     x0, x1, c = continuous()
     pairs = ConditionalOT()(x0, x1, c, generator=seeded(1))
     scaled = ConditionalOT("balanced")(x0, x1, 1e3 * c, generator=seeded(1))
@@ -211,7 +211,11 @@ test_bad_input = refused(
     (lambda: COT(-1.0), ValueError, "condition_weight must be at least 0"),
     (lambda: COT(math.nan), ValueError, "condition_weight must be at least 0"),
     (lambda: COT(-math.inf), ValueError, "condition_weight must be at least 0"),
-    (lambda: COT("auto"), ValueError, "condition_weight must be a number .*, or one of balanced;"),
+    (
+        lambda: COT("auto"),
+        ValueError,
+        "condition_weight must be a number .*, or one of scaled, balanced;",
+    ),
     (lambda: COT(None), TypeError, "condition_weight must be a number"),
     (lambda: COT(torch.ones(2)), TypeError, "condition_weight must be a number"),
     (lambda: COT(1e308)(X0, X1, 100 * C), ValueError, r"condition_weight 1e.308 .* infinite"),
@@ -221,4 +225,21 @@ test_bad_input = refused(
     (lambda: seeing(3), TypeError, "condition must be a function"),
     (lambda: seeing(lambda c: None), TypeError, r"condition\(c\) must be a torch tensor"),
     (lambda: seeing(lambda c: c[:30]), ValueError, r"condition\(c\) has 30 rows, c has 60"),
+)
+
+
+def weighing(value):
+    class Own(ConditionalOT):
+        def weight(self, sample_cost, condition_cost, noise_condition_index):
+            return value
+
+    x = torch.randn(8, 2, generator=seeded())
+    return lambda: Own()(x, x, x)
+
+
+test_a_weight_of_one_s_own_is_looked_at = refused(
+    (weighing(-1.0), ValueError, r"weight\(...\) must be at least 0 and finite, got -1"),
+    (weighing(math.nan), ValueError, r"weight\(...\) must be at least 0"),
+    (weighing(None), TypeError, r"weight\(...\) must be a number, got None"),
+    (weighing("x"), TypeError, r"weight\(...\) must be a number, got 'x'"),
 )

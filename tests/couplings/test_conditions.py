@@ -1,5 +1,6 @@
 """What the coupling sees of a condition, against numpy and brute force."""
 
+import copy
 import math
 import os
 import subprocess
@@ -250,3 +251,29 @@ print(own_mb() - before)
     command, env = [sys.executable, "-c", code], {**os.environ, "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=env)
     assert float(done.stdout) < 200
+
+
+def test_nothing_that_is_fitted_keeps_a_graph():
+    """As conditions that a network computes; copies would then fail."""
+    c = (torch.randn(60, 3, generator=seeded()).requires_grad_() * 2).sin()
+    x0, x1 = torch.randn(2, 60, 2, generator=seeded(1))
+    for clusters in (KMeansCondition(4), PCAKMeansCondition(components=2, clusters=4)):
+        kept = copy.deepcopy(clusters.fit(c))
+        assert not any(value.requires_grad for value in kept.state_dict().values())
+        assert torch.equal(kept.labels(c), clusters.labels(c))
+    scale = Standardiser.fit(c)
+    assert not any(value.requires_grad for value in (scale.mean, scale.std))
+    for coupling in (StratifiedOT(4), StratifiedOT(KMeansCondition(4)), ConditionalOT()):
+        pairs = coupling(x0, x1, c, generator=seeded())
+        assert pairs.c.requires_grad  # the data's own graph stays
+        again = copy.deepcopy(coupling)(x0, x1, c, generator=seeded())
+        assert torch.equal(again.target_index, pairs.target_index)
+
+
+def test_long_groupings_say_what_they_do(capsys, monkeypatch):
+    monkeypatch.setenv("COTLEARN_PROGRESS", "1")
+    monkeypatch.setattr(conditions, "LONG", 1000)
+    KMeansCondition(20).fit(torch.randn(49, 2))
+    assert capsys.readouterr().err == ""
+    KMeansCondition(20).fit(torch.randn(51, 2))
+    assert "grouping 51 conditions into 20 clusters, once" in capsys.readouterr().err

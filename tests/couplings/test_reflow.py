@@ -1,5 +1,6 @@
 """Reflow: the pairs are the teacher's."""
 
+import pytest
 import torch
 from support import refused, same, seeded, take
 
@@ -92,3 +93,14 @@ test_bad_input = refused(
     (lambda: take(FIXED, Dataset(torch.zeros(30, 2)), 1), ValueError, "x0 has 40 rows"),
     (lambda: take(FIXED, petals(), 1), TypeError, "needs finite data"),
 )
+
+
+def test_fixed_pairs_take_no_other_noise():
+    """They ignored their own, and returned what came."""
+    z, x1, c = (torch.randn(8, 2, generator=seeded(k)) for k in range(3))
+    pairs = FixedPairs(z)(z, x1, c)
+    assert torch.equal(pairs.x0, z)
+    assert torch.equal(pairs.x1, x1)
+    for noise in (-z, z[:4]):
+        with pytest.raises(ValueError, match="x0 must be the noise of these FixedPairs"):
+            FixedPairs(z)(noise, x1[: len(noise)], c[: len(noise)])

@@ -12,10 +12,11 @@ from support import joined, refused, same, seeded
 
 from cotlearn import mixtures
 from cotlearn.couplings import SemidiscreteOT, semidiscrete
-from cotlearn.couplings.base import generator_for, squared_distances
+from cotlearn.couplings.base import squared_distances
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import prior_skew
+from cotlearn.randomness import generator_for
 from cotlearn.storage import load_tensors, save_tensors
 
 # Many tests fit for a few steps only: what they ask does not need more.
@@ -301,3 +302,56 @@ def test_a_batch_larger_than_the_data_is_stable():
     x1 = torch.randn(3, 2, generator=seeded())
     coupling = SemidiscreteOT(iterations=3000).fit(x1, progress=False)
     assert coupling.marginal_error < coupling.marginal_floor + 0.02
+
+
+def noise_at_50(n, generator=None):
+    return 50 + torch.randn(n, 2, generator=generator)
+
+
+@pytest.mark.parametrize("source", [None, noise_at_50])
+def test_a_shift_of_the_data_changes_no_pairing(source):
+    """At a mean of 100 the fit kept 15 % of the pairs."""
+    x1, z = torch.randn(128, 2, generator=seeded(2)), torch.randn(2048, 2, generator=seeded(1))
+    z, found = z + 50 * (source is not None), []
+    for shift in (0.0, 100.0, 1000.0):
+        coupling = SemidiscreteOT().fit(x1 + shift, source=source, progress=False)
+        found.append(coupling._points.search(z, torch.zeros(len(z), dtype=torch.long)))
+        assert coupling.marginal_error < coupling.marginal_floor + 0.08
+    for one in found[1:]:
+        assert (one == found[0]).double().mean() > 0.9
+
+
+@pytest.mark.parametrize(("data", "noise"), [(0, 1e9), (1e9, 1e9), (1e9, 0), (-1e9, 1e9)])
+def test_float64_keeps_rows_far_from_zero_apart(data, noise):
+    """In float32 noise at 1e9 of unit deviation had 1 distinct row of 512."""
+    x1 = torch.randn(64, 2, generator=seeded(), dtype=torch.float64)
+
+    def pairs(data, noise):
+        coupling = SemidiscreteOT(iterations=300)
+
+        def source(n, generator=None):
+            return noise + torch.randn(n, 2, generator=generator, dtype=torch.float64)
+
+        return take(coupling, Dataset(x1 + data), 1, batch_size=512, source=source)[0]
+
+    far, plain = pairs(data, noise), pairs(0, 0)
+    assert len(far.x0.unique(dim=0)) == 512
+    assert (far.target_index == plain.target_index).float().mean() > 0.95
+
+
+def test_float64_conditions_do_not_merge():
+    """A minute costs 3,600, so that each row keeps its own; float32 kept 121 of 256 apart."""
+    minutes = 1.76e9 + 60 * torch.arange(256, dtype=torch.float64)[:, None]
+    x0, x1 = torch.randn(2, 256, 2, generator=seeded())
+    pairs = SemidiscreteOT(1.0, iterations=10)(x0, x1, minutes)
+    assert torch.equal(pairs.target_index, torch.arange(256))
+
+
+def test_equal_data_rows_keep_all_their_conditions():
+    """Half of them kept one condition of two."""
+    x1 = torch.randn(64, 2, generator=seeded()).repeat(2, 1)
+    c = torch.cat([torch.zeros(64, 1), torch.ones(64, 1)])
+    pairs = next(SemidiscreteOT().stream(Dataset(x1, c), batch_size=8192, generator=seeded()))
+    used = torch.bincount(pairs.target_index, minlength=128).reshape(2, 64)
+    assert (used > 0).all()
+    assert 0.45 < pairs.c.mean() < 0.55

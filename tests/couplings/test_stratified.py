@@ -1,6 +1,8 @@
 """One exact assignment per cluster and epoch."""
 
 import math
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +11,12 @@ from scipy.optimize import linear_sum_assignment
 from support import joined, refused, same, seeded, take
 
 from cotlearn import mixtures
-from cotlearn.couplings import KMeansCondition, PCAKMeansCondition, StratifiedOT
-from cotlearn.couplings.base import draw_noise, generator_for, squared_distances
+from cotlearn.couplings import KMeansCondition, PCAKMeansCondition, StratifiedOT, stratified
+from cotlearn.couplings.assignment import exact_permutation
+from cotlearn.couplings.base import draw_noise, squared_distances
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import prior_skew
+from cotlearn.randomness import generator_for
 
 
 def numbered(n=60, classes=3, seed=0):
@@ -300,3 +304,103 @@ def test_residuals_of_clusters_with_few_rows(clusters):
     data = continuous()
     batch = take(StratifiedOT(clusters, residual=True), data, 1)[0]
     assert torch.isfinite(batch.x1).all()
+
+
+# --- nothing stale ---
+
+
+def strata(c, coupling):
+    return len(coupling.clusters.labels(c).unique())
+
+
+@pytest.mark.filterwarnings("ignore:StratifiedOT was called")
+def test_buffers_that_are_refilled_in_place_are_paired_anew():
+    """A cache by identity left 27 % of the pairs within their condition."""
+    x0, x1, c = torch.randn(64, 2), torch.randn(64, 2), torch.eye(4)[torch.arange(64) % 4]
+    coupling = StratifiedOT()
+    coupling(x0, x1, c)
+    c.numpy()[:] = c.flip(0).roll(3, 0).numpy()[torch.randperm(64, generator=seeded())]
+    assert torch.equal(c[coupling(x0, x1, c).target_index], c)
+    k_means = StratifiedOT(8)
+    k_means(x0, x1, torch.randn(64, 3))
+    new = 10 * torch.randn(64, 3) + 100
+    k_means(x0, x1, new)
+    assert strata(new, k_means) == 8  # all in one stratum would be naive OT
+
+
+def test_a_data_set_that_changes_during_a_stream_is_clustered_anew():
+    data = Dataset(torch.randn(64, 2), torch.eye(4)[torch.arange(64) % 4])
+    stream = StratifiedOT().stream(data, batch_size=64)
+    next(stream)
+    data.c.copy_(data.c.roll(1, 0).flip(0))
+    pairs = next(stream)
+    assert torch.equal(pairs.c[pairs.source_index.argsort()], data.c)
+
+
+def test_clusters_follow_the_data_after_a_resume_and_after_replace():
+    """They stayed, and put new data into one stratum: naive OT, unannounced."""
+    old, new = continuous(), continuous(seed=8)
+    new = Dataset(new.x1, 10 * new.c + 100)
+    trained = StratifiedOT(8)
+    take(trained, old, 1)
+    resumed = StratifiedOT(8)
+    resumed.load_state_dict(trained.state_dict())
+    for coupling in (resumed, replace(trained, rows_per_solve=64)):
+        take(coupling, new, 1)
+        assert strata(new.c, coupling) == 8
+        assert strata(old.c, trained) == 8  # of its own
+    loaded = StratifiedOT(8)
+    loaded.load_state_dict(trained.state_dict())
+    loaded.clusters.fit = None  # the same data need no fit
+    take(loaded, old, 1)
+    given = StratifiedOT(KMeansCondition(4))
+    take(given, old, 1)
+    take(given, new, 1)
+    assert strata(new.c, given) == 4
+
+
+def test_a_condition_for_each_row_is_said_and_takes_no_time():
+    """Each was a plan of its own: a million rows took minutes an epoch."""
+    data = Dataset(torch.randn(1200, 2), torch.arange(1200.0)[:, None])
+    coupling = StratifiedOT()
+    with pytest.warns(UserWarning, match="clusters is None, and 1200 of 1200 conditions differ"):
+        pairs = take(coupling, data, 2)[1]
+    assert not list(coupling._solves(np.arange(1200), np.random.default_rng(0)))
+    assert torch.equal(pairs.source_index, pairs.target_index)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("offset", [0.0, 100.0])
+def test_tiny_clusters_are_paired_optimally(dtype, offset):
+    """All permutations of at most four rows are tried, of thousands of clusters at once."""
+    g = seeded()
+    c = torch.randint(300, (900, 1), generator=g).to(dtype)
+    x0, x1 = (torch.randn(900, 3, generator=g, dtype=dtype) for _ in range(2))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        pairs = StratifiedOT()(x0, x1 + offset, c, generator=g)
+    assert torch.equal(pairs.c[pairs.target_index.argsort()], c)
+    cost = (pairs.x0 - (pairs.x1 - offset)).square().sum(dim=1)
+    for label in c.unique():
+        rows = (c == label)[:, 0]
+        costs = torch.cdist(x0[rows], x1[rows]).square().numpy()
+        least = costs[linear_sum_assignment(costs)].sum()
+        found = cost[(pairs.c == label)[:, 0]].sum()
+        assert found == pytest.approx(least, rel=1e-3 if dtype == torch.float32 else 1e-9)
+
+
+def test_very_many_tiny_clusters_are_said_and_take_seconds(monkeypatch):
+    """Each cluster was an assignment of its own: 30,000 of them took fifteen seconds."""
+    solved, g = [], seeded()
+    c = torch.randint(50_000, (100_000, 1), generator=g).double()
+    data = Dataset(torch.randn(100_000, 2, generator=g), c)
+
+    def counted(cost):
+        solved.append(len(cost))
+        return exact_permutation(cost)
+
+    monkeypatch.setattr(stratified, "exact_permutation", counted)
+    with pytest.warns(UserWarning, match=r"43\d+ of 100000 conditions differ.* number of clusters"):
+        next(StratifiedOT().stream(data, batch_size=256, generator=g))
+    assert 1000 < len(solved) < 4000
+    assert min(solved) == 5

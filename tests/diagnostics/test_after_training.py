@@ -9,7 +9,7 @@ from support import refused, seeded
 
 from cotlearn import mixtures
 from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT
-from cotlearn.datasets import unconditional
+from cotlearn.datasets import Dataset, unconditional
 from cotlearn.diagnostics import deployment_gap, error_budget
 from cotlearn.flows import VelocityMLP, fit, sampler
 from cotlearn.gaussian import LinearGaussian
@@ -150,3 +150,69 @@ test_bad_input = refused(
     (lambda: Budget(nfe=0), ValueError, "nfe must be at least 1"),
     (lambda: Budget(nfe=1, n=0), ValueError, "n must be at least 1"),
 )
+
+
+class Map:
+    """One step takes the noise x0 to 1 + x0 / 2, as naive OT pairs it with N(1, 1 / 4)."""
+
+    dim = 2
+
+    def __call__(self, t, x, c):
+        return 1 - x / 2
+
+
+@pytest.mark.parametrize("columns", [1, 12])
+def test_no_gap_on_rows_whose_condition_says_nothing(columns):
+    """With the pair's own row as truth of fresh noise every one of these was flagged."""
+    found = []
+    for seed in range(12):
+        g = seeded(seed)
+        x1, c = 1 + torch.randn(1000, 2, generator=g) / 2, torch.randn(1000, columns, generator=g)
+        found.append(deployment_gap(Map(), Dataset(x1, c), MinibatchOT(), n=100, seed=seed))
+    assert sum(low <= 0 <= high for low, high in (gap.gap_interval for gap in found)) >= 10
+    assert abs(np.mean([gap.gap for gap in found])) < 0.05 * np.mean([gap.fresh for gap in found])
+
+
+def test_the_gap_of_skewed_rows_is_seen():
+    x1, c = Gaussian().sample(2000, generator=seeded())
+    gap = deployment_gap(Exact(0.0), Dataset(x1, c), MinibatchOT(), n=256)
+    assert gap.gap == pytest.approx(PROBLEM.flow(0.0).squared_w2(1), rel=0.15)
+    assert gap.gap_interval[0] > 0.5 * gap.gap
+
+
+def test_related_rows_need_rows_that_are_held_out():
+    """Every row stands ten times with nearly the same condition, as windows of one episode do."""
+    g = seeded()
+    x1, c = (
+        (1 + torch.randn(300, 2, generator=g) / 2).repeat(10, 1),
+        torch.randn(300, 1, generator=g),
+    )
+    c = c.repeat(10, 1) + 1e-4 * torch.randn(3000, 1, generator=g)
+    rows = Dataset(x1 + 1e-4 * torch.randn(3000, 2, generator=g), c)
+    fresh = Dataset(1 + torch.randn(3000, 2, generator=g) / 2, torch.randn(3000, 1, generator=g))
+    related = deployment_gap(Map(), rows, MinibatchOT(), n=128)
+    unrelated = deployment_gap(Map(), rows, MinibatchOT(), n=128, held_out=fresh)
+    assert related.gap_interval[0] > 0.05
+    assert abs(unrelated.gap) < 0.2 * related.gap
+
+
+def test_labels_are_like_numbers():
+    """Rows of one label are equally near: one of them is drawn."""
+    x1 = torch.tensor([-2.0, 2.0]).repeat(500)[:, None] + torch.randn(1000, 1, generator=seeded())
+    c = torch.tensor([0.0, 1.0]).repeat(500)[:, None]
+    gap = deployment_gap(lambda t, x, c: 4 * c - 2, Dataset(x1, c), Independent(), n=400)
+    assert gap.coupled == pytest.approx(0, abs=0.1)
+    assert gap.gap == pytest.approx(0, abs=0.05)
+
+
+def test_held_out_rows_are_the_truth():
+    x1, c = Gaussian().sample(600, seeded())
+    moved = Dataset(x1 + 10, c)
+    call = partial(deployment_gap, Exact("independent"), Dataset(x1, c), Independent(), n=200)
+    assert call(held_out=moved).coupled > call().coupled + 150
+
+
+def test_a_batch_of_all_rows_is_refused():
+    data = Dataset(*Gaussian().sample(150, seeded()))
+    with pytest.raises(ValueError, match=r"n must leave rows .* got 140 of 150: .* held_out"):
+        deployment_gap(Exact(0.0), data, MinibatchOT(), n=140)

@@ -120,3 +120,19 @@ test_bad_input = refused(
     error=ValueError,
     of=lambda **options: linear_skew(**({"x0": X0, "c": C} | options)),
 )
+
+
+def test_in_many_columns_of_c_it_sees_what_near_neighbours_miss():
+    """A fifth of the variance of two columns of noise is linear in c."""
+    seen = {}
+    for k in (2, 12):
+        flags = []
+        for seed in range(10):
+            c, e = normal(500, k, seed), normal(500, 2, 100 + seed)
+            x0 = 0.8**0.5 * e + 0.2**0.5 * c[:, [0, -1]]
+            near = prior_skew(x0, c, generator=seeded(seed))
+            flags.append((near.flagged, linear_skew(x0, c).flagged))
+        seen[k] = np.sum(flags, axis=0)
+    assert seen[2][1] == seen[12][1] == 10
+    assert seen[12][0] <= 5  # 2 expected
+    assert seen[2][0] >= seen[12][0]

@@ -1,6 +1,7 @@
 """What is recommended, and that it is never a skewed coupling."""
 
 import importlib
+import math
 from dataclasses import replace
 
 import pytest
@@ -9,7 +10,9 @@ from support import refused, seeded
 
 from cotlearn import mixtures
 from cotlearn.couplings import ConditionalOT, Coupling, Independent, StratifiedOT
+from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import frontier, recommend, skew
+from cotlearn.diagnostics.probe import one_step_scores, regression_scores
 from cotlearn.diagnostics.recommendation import _choose, beyond_chance, gain_over
 from cotlearn.flows import VelocityMLP, fit
 
@@ -54,8 +57,33 @@ def test_one_mode_for_each_condition_needs_no_coupling():
     x1 = torch.cat([torch.sin(4 * c), c], dim=1) + 0.01 * torch.randn(800, 2, generator=seeded(1))
     chosen = advice(x1, c)
     assert isinstance(chosen.coupling, Independent)
+    assert chosen.regression_wins
     assert "anything to straighten" in chosen.reason
     assert chosen.spread.between_share > 0.98
+
+
+def test_a_thin_circle_has_nothing_to_straighten():
+    """Its thickness is learnt by all, so that a regression does not win, and yet it would do."""
+    angle = 2 * math.pi * torch.rand(2000, 1, generator=seeded())
+    place = torch.cat([angle.cos(), angle.sin()], dim=1)
+    circle = 3 * place + 0.05 * torch.randn(2000, 2, generator=seeded(1))
+    chosen = advice(circle, place, probe_steps=100)
+    assert chosen.name == "independent"
+    assert "anything to straighten" in chosen.reason
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_three_columns_that_all_but_determine_the_data_call_for_a_regression(seed):
+    """.2 % of the variance within: neighbours saw 7 %, and the advice was more data."""
+    g = seeded(seed)
+    c = torch.randn(1500, 3, generator=g)
+    plane = torch.stack([(c[:, 0] + c[:, 1]).sin() + c[:, 2], c[:, 0] - c[:, 2].tanh()], dim=1)
+    noise = math.sqrt(0.002 * plane.var(dim=0).mean())
+    chosen = advice(plane + noise * torch.randn(1500, 2, generator=g), c, seed=seed)
+    assert chosen.regression_wins
+    assert "Use a regression" in chosen.reason
+    assert "More data" not in chosen.reason
+    assert chosen.spread.between_share > 0.96
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -64,7 +92,9 @@ def test_a_coupling_must_beat_independent_pairs_by_more_than_chance(seed):
     c = torch.randn(400, 5, generator=seeded(seed))
     chosen = advice(3 * c + 0.01 * torch.randn(400, 5, generator=seeded(10 + seed)), c)
     free = chosen.frontier["independent"]
-    if isinstance(chosen.coupling, Independent):
+    if chosen.regression_wins:
+        assert chosen.regression_score < 0.99 * free.one_step_score
+    elif isinstance(chosen.coupling, Independent):
         assert "Use independent pairs" in chosen.reason
         assert "reflow" in chosen.reason
         for point in chosen.frontier:
@@ -146,7 +176,10 @@ def test_it_is_said_which_others_are_as_good(second, words):
         replace(p, scores=mean.get(p.name, 1.0) + wave * (-1) ** i)
         for i, p in enumerate(found.frontier)
     )
-    point, reason = _choose(replace(found.frontier, points=tuple(points)), found.spread)
+    alone = torch.ones(100)
+    given = replace(found.frontier, points=tuple(points)), found.spread, alone
+    point, wins, reason = _choose(*given)
+    assert not wins
     assert point.name == clean[0]
     assert len(clean) > 1
     assert words in reason
@@ -192,3 +225,34 @@ test_bad_input = refused(
     (lambda: recommend(X, C, batch_size=1), ValueError, "batch_size must be at least 2"),
     (lambda: recommend(X, C, probe_steps=0), ValueError, "probe_steps must be at least 1"),
 )
+
+
+def test_of_many_rows_a_sample_is_compared(monkeypatch):
+    """10^5 rows took 150 seconds; clusters are counted for all rows, with as many in each."""
+    recommendation = importlib.import_module("cotlearn.diagnostics.recommendation")
+    seen = []
+
+    def looks(x1, c, couplings, **options):
+        seen.append((len(x1), couplings))
+        raise InterruptedError
+
+    monkeypatch.setattr(recommendation, "MOST_ROWS", 400)
+    monkeypatch.setattr(recommendation, "frontier", looks)
+    x1, c = mixtures.moving_modes().sample(1600, generator=seeded())
+    with pytest.raises(InterruptedError):
+        recommend(x1, c)
+    rows, couplings = seen[0]
+    assert rows == 400
+    assert couplings["stratified, 32 rows"].clusters.clusters == 400 * 3 // 4 // 32
+    assert recommendation.candidates(x1, c)["stratified, 32 rows"].clusters.clusters == 37
+
+
+def test_a_regression_is_scored_on_the_rows_of_the_probe():
+    """A probe that predicts what the regression predicts would have the same scores."""
+    x1, c = mixtures.rotating_pair().sample(300, generator=seeded())
+    train, test = FRONTIER.held_out(x1, c, 3)
+    far = Dataset(test.x1 + 1e4 * torch.arange(len(test))[:, None], test.c)  # each row tells itself
+    pairs = Independent()(torch.randn_like(train.x1), train.x1, train.c)
+    probe = one_step_scores(pairs, far, steps=3, seed=3)
+    alone = regression_scores(train, far, steps=3, seed=3)
+    assert (probe.argsort() == alone.argsort()).all()

@@ -66,6 +66,82 @@ def test_integer_conditions():
     assert between_within(x1, c.long()) == between_within(x1, c)
 
 
+def smooth(n, columns, seed, *, share=0.6, waves=0.0):
+    """x1 (n, 2) of which a function of c explains a share: a plane, or sines of planes."""
+    rng = np.random.default_rng(seed)
+    c = rng.standard_normal((n, columns))
+    slope = rng.standard_normal((columns, 2))
+    plane = c @ (slope / np.linalg.norm(slope, axis=0))
+    if waves:  # the variance of sin(w z), z standard normal, is (1 - exp(-2 w^2)) / 2
+        plane = np.sin(waves * plane) / math.sqrt((1 - math.exp(-2 * waves**2)) / 2)
+    x1 = math.sqrt(share) * plane + math.sqrt(1 - share) * rng.standard_normal((n, 2))
+    return torch.from_numpy(x1), torch.from_numpy(c)
+
+
+# columns, rows, repetitions, waves: the share that ten neighbours find, and a bound on ours.
+# The last two are a plane, where the regression is right at once.
+SIXTY = [
+    (4, 200, 6, 1.4, 0.37, 0.41),
+    (4, 1000, 2, 1.4, 0.48, 0.54),
+    (12, 200, 6, 1.4, 0.18, 0.22),
+    (12, 1000, 2, 1.4, 0.24, 0.44),
+    (4, 200, 6, 0.0, 0.46, 0.54),
+    (12, 1000, 2, 0.0, 0.37, 0.56),
+]
+
+
+@pytest.mark.parametrize(("columns", "rows", "seeds", "waves", "neighbours", "bound"), SIXTY)
+def test_a_share_of_sixty_percent(columns, rows, seeds, waves, neighbours, bound):
+    """Nearer than neighbours, and not above the truth by more than chance."""
+    drawn = [smooth(rows, columns, seed, waves=waves) for seed in range(seeds)]
+    shares = [between_within(x1, c).between_share for x1, c in drawn]
+    assert np.mean(shares) > bound > neighbours
+    assert np.mean(shares) < 0.6 + 3 * 0.9 / math.sqrt(rows * seeds)  # of 2 (rows * seeds) numbers
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("columns", "bound"), [(4, 0.56), (12, 0.5)])
+def test_a_share_of_sixty_percent_of_many_rows(columns, bound):
+    """Neighbours find .53 and .29."""
+    assert bound < between_within(*smooth(4000, columns, 0, waves=1.4)).between_share < 0.63
+
+
+@pytest.mark.parametrize("columns", [4, 12])
+def test_a_condition_that_says_nothing_explains_nothing(columns):
+    drawn = [smooth(200, columns, seed, share=0.0) for seed in range(6)]
+    shares = [between_within(x1, c).between_share for x1, c in drawn]
+    assert np.mean(shares) < 0.01
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_learned_of_an_episode_is_not_what_its_condition_tells(seed):
+    """40 episodes of 25 rows: x1 and c wander, each on its own; rows alone would give .9."""
+    rng = np.random.default_rng(seed)
+    episode = np.repeat(np.arange(40), 25)
+    place, says = rng.normal(size=(40, 2)), rng.normal(size=(40, 3))
+    x1 = torch.from_numpy(place[episode] + 0.2 * rng.normal(size=(1000, 2)))
+    c = torch.from_numpy(says[episode] + 0.05 * rng.normal(size=(1000, 3)))
+    assert between_within(x1, c).between_share > 0.7
+    found = between_within(x1, c, groups=episode)
+    assert found.between_share < 0.1
+    assert [rows for rows, _ in found.curve] == [250, 500, 1000]
+
+
+def test_groups_are_checked():
+    x1, c = torch.randn(60, 2), torch.randn(60, 1)
+    with pytest.raises(ValueError, match=r"one value for each of 60 rows, got \(59,\)"):
+        between_within(x1, c, groups=torch.zeros(59))
+    with pytest.raises(ValueError, match="groups has 3 different values: at least 4"):
+        between_within(x1, c, groups=torch.arange(60) % 3)
+
+
+def test_the_curve_shows_that_more_rows_would_help():
+    found = between_within(*smooth(1600, 4, 0, waves=2.0))
+    rows, shares = zip(*found.curve, strict=True)
+    assert rows == (400, 800, 1600)
+    assert shares[0] < shares[1] < shares[2] == found.between_share < 0.62
+
+
 X = torch.randn(50, 2)
 
 
@@ -73,5 +149,5 @@ test_bad_input = refused(
     (lambda: between_within(X / 0, X), ValueError, "x1 has NaN"),
     (lambda: between_within(X, X[:4]), ValueError, "c has 4 rows, x1 has 50"),
     (lambda: between_within(X, X[:, 0]), ValueError, "c must have shape"),
-    (lambda: between_within(X[:10], X[:10]), ValueError, "x1 needs more than 10 rows, got 10"),
+    (lambda: between_within(X[:39], X[:39]), ValueError, "x1 needs at least 40 rows, got 39"),
 )

@@ -1,7 +1,7 @@
 """Every Python block of the documentation runs.
 
-A word after ```python names a package that the block needs; without it the block is skipped. A
-block may use what the blocks before it on its page have defined, but for those with such a word.
+A word after ```python names a package of the extra `peers` that the block needs. A block may use
+what the blocks before it on its page have defined, but for those with such a word.
 """
 
 import re
@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from peers import peer
 
 pytestmark = pytest.mark.slow
 DOCS = Path(__file__).parents[2] / "docs"
@@ -55,7 +56,7 @@ def torchrun(monkeypatch):
 def test_block_runs(page, number):
     needs, code = blocks_of(page)[number]
     if needs:
-        pytest.importorskip(needs, reason=f"{needs} is not installed")
+        peer(needs)
         names = dict(names_after(page, number))
         exec(compile(code, f"{page.stem}, block {number + 1}", "exec"), names)
     else:

@@ -2,6 +2,7 @@ import math
 
 import pytest
 import torch
+from peers import peer
 from support import refused, seeded
 
 from cotlearn.couplings import Independent
@@ -60,7 +61,7 @@ def test_zero_terminal_snr():
     assert after[0].item() == pytest.approx(before[0].item(), rel=1e-12)
     assert after[-1] == 0
     assert (after.diff() < 0).all()
-    rescaling = pytest.importorskip("diffusers.schedulers.scheduling_ddim")
+    rescaling = peer("diffusers.schedulers.scheduling_ddim")
     ratio = before / torch.cat([torch.ones(1, dtype=before.dtype), before[:-1]])
     judge = rescaling.rescale_zero_terminal_snr(1 - ratio)
     assert torch.allclose((1 - judge).cumprod(dim=0), after, atol=1e-9)
@@ -115,7 +116,7 @@ def test_noise_drawn_before_gives_the_same_samples_row_by_row():
 
 @pytest.mark.parametrize("clip", [None, 1.0])
 def test_against_diffusers(clip):
-    diffusers = pytest.importorskip("diffusers")
+    diffusers = peer("diffusers")
     options = {
         "num_train_timesteps": 100,
         "beta_schedule": "squaredcos_cap_v2",

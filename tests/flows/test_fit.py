@@ -4,7 +4,9 @@ import math
 import os
 import signal
 import threading
+import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,7 +16,16 @@ from torch import nn
 
 from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT
 from cotlearn.datasets import Dataset, unconditional
-from cotlearn.flows import FlowMatching, VelocityMLP, conditional_flow_matching_loss, fit, integrate
+from cotlearn.flows import (
+    FlowMatching,
+    VelocityMLP,
+    conditional_flow_matching_loss,
+    fit,
+    integrate,
+    training,
+)
+from cotlearn.flows.fingerprint import described
+from cotlearn.flows.one_step import MeanVelocity
 from cotlearn.flows.training import FitResult
 from cotlearn.metrics import squared_w2
 from cotlearn.mixtures import moving_modes, petals
@@ -286,8 +297,9 @@ def test_a_second_ctrl_c_does_not_wait_for_the_step():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_an_error_leaves_the_last_checkpoint(path):
-    options = {"checkpoint": path, "checkpoint_every": 10}
+def test_an_error_leaves_the_last_checkpoint(path, monkeypatch):
+    monkeypatch.setattr(training, "CHECKPOINT_EVERY", 10)
+    options = {"checkpoint": path}
     with pytest.raises(OSError, match="the disk is gone"):
         train(loss=Hooked(24, fail), **options)
     counting = Hooked()
@@ -323,10 +335,12 @@ def ended(what, path, said):
     with open(said, "w") as file:
         os.dup2(file.fileno(), 2)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a `make test &` ignores Ctrl-C
-    train(loss=Hooked(19, what), checkpoint=path, checkpoint_every=5)
+    training.CHECKPOINT_EVERY = 5
+    train(loss=Hooked(19, what), checkpoint=path)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
+@pytest.mark.slow
 @pytest.mark.parametrize(("what", "left"), [(kill, 30 - 15), (interrupt, 30 - 19)])
 def test_a_killed_process_resumes_to_the_same_result(warm, path, tmp_path, what, left):
     process = warm.Process(target=ended, args=(what, path, tmp_path / "said"))
@@ -336,7 +350,7 @@ def test_a_killed_process_resumes_to_the_same_result(warm, path, tmp_path, what,
     assert process.exitcode == (-signal.SIGKILL if what is kill else 1), said
     assert what is kill or "KeyboardInterrupt: training stopped after step 19" in said
     counting = Hooked()
-    resumed = train(loss=counting, checkpoint=path, checkpoint_every=5)
+    resumed = train(loss=counting, checkpoint=path)
     assert counting.calls == left
     assert_same(resumed, train())
 
@@ -391,6 +405,18 @@ def test_networks_with_shared_weights_can_be_saved(path):
     assert_same(train(net, checkpoint=path), train(net))
 
 
+@pytest.mark.parametrize("begun_compiled", [True, False])
+def test_a_checkpoint_does_not_know_whether_the_network_is_compiled(path, begun_compiled):
+    compiled = MeanVelocity(torch.compile(network(condition_dim=5), backend="eager"))
+    plain = MeanVelocity(network(condition_dim=5))
+    begun, resumed = (compiled, plain) if begun_compiled else (plain, compiled)
+    with pytest.raises(KeyboardInterrupt):
+        train(begun, Interrupting(9), checkpoint=path)
+    result, whole = train(resumed, checkpoint=path).network, train(plain).network
+    values = zip(result.state_dict().values(), whole.state_dict().values(), strict=True)
+    assert all(torch.equal(one, other) for one, other in values)
+
+
 # --- checkpoints that do not fit ---
 
 
@@ -429,7 +455,7 @@ def test_a_truncated_checkpoint_is_found(path, finished, share):
         train(checkpoint=path)
 
 
-def test_a_checkpoint_knows_what_a_loss_does(path):
+def test_a_checkpoint_knows_the_settings_of_a_loss(path):
     def scaled(factor):
         def loss(network, pairs, generator):
             return factor * conditional_flow_matching_loss(network, pairs, generator)
@@ -438,8 +464,20 @@ def test_a_checkpoint_knows_what_a_loss_does(path):
 
     first = train(loss=scaled(2.0), checkpoint=path)
     assert_same(train(loss=scaled(2.0), checkpoint=path), first)
-    with pytest.raises(ValueError, match="code of loss was"):
+    with pytest.raises(ValueError, match=r"loss was .*factor=2\.0.*factor=3\.0"):
         train(loss=scaled(3.0), checkpoint=path)
+
+
+def test_how_a_checkpoint_names_a_loss():
+    def weighed(network, pairs, generator, power=1.0, scale=None):
+        return pairs.x0[:, 0]
+
+    name = "test_how_a_checkpoint_names_a_loss.<locals>.weighed(power=1.0)"
+    assert described(weighed) == name
+    assert described(partial(weighed, power=2.0)) == f"{name}(power=2.0)"
+    assert described(conditional_flow_matching_loss) == "conditional_flow_matching_loss"
+    assert described(FlowMatching(0.3)) == repr(FlowMatching(0.3))
+    assert described(FlowMatching(0.3).__call__).startswith(f"{FlowMatching(0.3)!r}: ")
 
 
 def test_a_loss_without_a_repr_resumes_in_another_process(path):
@@ -490,12 +528,13 @@ def test_a_checkpoint_of_another_training_says_what_differs(path, finished, chan
 # --- what goes wrong ---
 
 
-@pytest.mark.parametrize("options", [{}, {"checkpoint_every": 2}])
-def test_a_loss_that_is_not_finite_stops(path, options):
+@pytest.mark.parametrize("every", [1000, 2])
+def test_a_loss_that_is_not_finite_stops(path, every, monkeypatch):
+    monkeypatch.setattr(training, "CHECKPOINT_EVERY", every)
     with pytest.raises(RuntimeError, match=r"the loss became (nan|inf) by step .* learning_rate"):
-        train(loss=lambda net, pairs, g: net(0, pairs.x0, pairs.c).sum(dim=1) * math.inf, **options)
+        train(loss=lambda net, pairs, g: net(0, pairs.x0, pairs.c).sum(dim=1) * math.inf)
     with pytest.raises(RuntimeError, match="the loss became"):
-        train(learning_rate=1e30, checkpoint=path, **options)
+        train(learning_rate=1e30, checkpoint=path)
     if path.exists():  # a checkpoint from before it went wrong, never one with NaN in it
         from cotlearn.storage import load_tensors
 
@@ -518,7 +557,6 @@ test_bad_input = refused(
     ({"ema": 1.1}, ValueError, r"ema must lie in \[0, 1\]"),
     ({"ema": -0.1}, ValueError, "ema must be at least 0"),
     ({"log_every": 0}, ValueError, "log_every must be at least 1"),
-    ({"checkpoint_every": 0}, ValueError, "checkpoint_every must be at least 1"),
     ({"net": lambda t, x, c: x}, TypeError, "network must be a torch.nn.Module, got <function"),
     ({"net": VelocityMLP}, TypeError, "network must be .* got <class .*VelocityMLP"),
     ({"net": nn.Identity()}, ValueError, "network has no parameters"),
@@ -545,3 +583,44 @@ def test_a_gpu_trains_and_resumes(path):
     resumed, whole = train(net, checkpoint=path), train(net)
     assert next(resumed.network.parameters()).is_cuda
     assert np.allclose(resumed.history["loss"], whole.history["loss"], rtol=1e-3)
+
+
+@pytest.mark.parametrize("around", [torch.no_grad, torch.inference_mode])
+def test_gradients_that_are_off_around_it_are_on_inside(around):
+    net = network()
+    with around():
+        inside = train(net, steps=3)
+    assert_same(inside, train(network(), steps=3))
+
+
+def test_dropout_is_reproducible_and_resumes(path):
+    """It drew from torch's global randomness: two trainings differed."""
+
+    def dropping():
+        net = network()
+        net.layers.insert(2, nn.Dropout(0.3))
+        return net
+
+    torch.manual_seed(1)
+    before = torch.get_rng_state()
+    first = train(dropping())
+    assert torch.equal(torch.get_rng_state(), before)
+    torch.manual_seed(2)
+    assert_same(train(dropping()), first)
+    with pytest.raises(KeyboardInterrupt):
+        train(dropping(), loss=Hooked(9, interrupt), checkpoint=path)
+    assert_same(train(dropping(), checkpoint=path), first)
+
+
+def test_what_a_coupling_prepares_does_not_count_for_a_step(monkeypatch):
+    class Slow(Independent):
+        def stream(self, *given, **options):
+            time.sleep(0.3)
+            yield from super().stream(*given, **options)
+
+    bars = []
+    make = training.progress_bar
+    monkeypatch.setattr(training, "progress_bar", lambda **o: bars.append(make(**o)) or bars[-1])
+    began = time.time()
+    fit(VelocityMLP(2, 4, width=8), petals(), Slow(), steps=1, batch_size=8, progress=True)
+    assert bars[0].start_t - began > 0.29

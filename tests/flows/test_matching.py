@@ -2,9 +2,11 @@ import pytest
 import torch
 from support import seeded
 
-from cotlearn.couplings import Pairs
+from cotlearn.couplings import Independent, Pairs
 from cotlearn.flows import FlowMatching, VelocityMLP, flow_matching_step, integrate, velocity_of
+from cotlearn.flows.diffusion import Diffusion
 from cotlearn.flows.matching import conditional_flow_matching_loss, interpolate, weighted_mean
+from cotlearn.flows.one_step import MeanFlow, MeanVelocity, Shortcut
 from cotlearn.mixtures import petals
 
 
@@ -163,3 +165,12 @@ def test_adaptive_weights_descend_the_logarithm_of_the_squared_error():
     assert float(said[slopes(0.0).abs().argmin()].detach()) == pytest.approx(1.2)  # the mean
     with pytest.raises(TypeError, match="power must be a number, got 'big'"):
         FlowMatching(power="big")
+
+
+@pytest.mark.parametrize("loss", [FlowMatching(), MeanFlow(), Shortcut(), Diffusion().loss])
+def test_noise_and_data_of_different_types(loss):
+    network = MeanVelocity(VelocityMLP(2, 1, width=8))
+    x0, x1 = torch.randn(2, 5, 2)
+    pairs = Independent()(x0, x1.double())
+    with pytest.raises(TypeError, match=r"x1 must have x0's type torch.float32, got torch.float64"):
+        loss(network, pairs, torch.Generator())

@@ -1,9 +1,11 @@
+import threading
+
 import pytest
 import torch
 from support import refused, same_weights, seeded
 
 from cotlearn.flows import VelocityMLP
-from cotlearn.flows.networks import ImageEncoder, ResidualMLP, SpatialSoftmax, TemporalUNet
+from cotlearn.flows.networks import ImageEncoder, ResidualMLP, SpatialSoftmax
 
 
 def test_size():
@@ -42,15 +44,9 @@ def residual(dim, condition_dim, **options):
     return ResidualMLP(dim, condition_dim, width=16, blocks=2, context=8, **options)
 
 
-def unet(dim, condition_dim, **options):
-    return TemporalUNet(dim // 2, 2, condition_dim, **options)
-
-
-LARGER = [(make, *sizes) for make in (residual, unet) for sizes in ((4, 0), (8, 3))]
-
-
 @pytest.mark.parametrize(
-    ("make", "dim", "condition_dim"), [(mlp, 1, 0), (mlp, 2, 4), (mlp, 7, 1), *LARGER]
+    ("make", "dim", "condition_dim"),
+    [(mlp, 1, 0), (mlp, 2, 4), (mlp, 7, 1), (residual, 4, 0), (residual, 8, 3)],
 )
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_what_every_network_keeps_to(make, dim, condition_dim, dtype):
@@ -82,22 +78,6 @@ def test_the_default_sizes():
         return sum(p.numel() for p in network.parameters())
 
     assert size(ResidualMLP(32, 12)) == pytest.approx(1.3e6, rel=0.03)
-    assert size(TemporalUNet(16, 2, 12)) < 1e6
-
-
-def test_a_unet_sees_the_neighbouring_times_of_a_chunk():
-    network = TemporalUNet(128, 2, seed=0)
-    with torch.no_grad():
-        for module in network.modules():
-            if isinstance(module, torch.nn.GroupNorm):  # it mixes all times
-                module.forward = lambda h: h
-    x = torch.randn(1, 256).double()
-    changed = x.clone()
-    changed[0, 2 * 64] += 1  # time 64, channel 0
-    network = network.double()
-    moved = (network(0.5, x) - network(0.5, changed)).reshape(128, 2).abs().sum(dim=1) > 0
-    first, *_, last = moved.nonzero()[:, 0].tolist()
-    assert (first, last) == (64 - 25, 64 + 26)  # 8 convolutions of length 5, half of them below
 
 
 test_bad_input = refused(
@@ -105,7 +85,6 @@ test_bad_input = refused(
     (lambda: VelocityMLP(2, -1), "condition_dim must be at least 0"),
     (lambda: VelocityMLP(2, width=0), "width must be at least 1"),
     (lambda: VelocityMLP(2, depth=0), "depth must be at least 1"),
-    (lambda: TemporalUNet(15, 2), "steps must be a multiple of 2 for 2 levels, got 15"),
     (lambda: ResidualMLP(2, blocks=0), "blocks must be at least 1"),
     error=ValueError,
 )
@@ -132,3 +111,32 @@ def test_an_encoder_of_pictures():
     assert torch.allclose(features[1:2], encoder(images[1:2]), atol=1e-6)  # no batch statistics
     assert (features - encoder(images.roll(2, dims=3))).abs().max() > 1e-3
     assert ImageEncoder(4)(torch.rand(1, 3, 24, 40)).shape == (1, 4)
+
+
+def test_seeds_hold_in_several_threads():
+    """Of 300 networks with seed=0, 235 had other weights."""
+    right, wrong = ResidualMLP(2, width=16, blocks=1, seed=0), []
+
+    def work():
+        for _ in range(40):
+            wrong.extend(
+                [1] * (not same_weights(ResidualMLP(2, width=16, blocks=1, seed=0), right))
+            )
+            torch.rand(3)
+
+    threads = [threading.Thread(target=work) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+@pytest.mark.parametrize("make", [ResidualMLP, VelocityMLP])
+def test_a_seed_gives_torchs_weights_and_leaves_its_randomness_alone(make):
+    before = torch.get_rng_state()
+    seeded_one = make(3, 2, width=8, seed=7)
+    assert torch.equal(torch.get_rng_state(), before)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(7)
+        assert same_weights(make(3, 2, width=8), seeded_one)

@@ -13,11 +13,8 @@ from cotlearn.couplings import Independent, StratifiedOT
 from cotlearn.couplings.base import Pairs
 from cotlearn.datasets import Dataset
 from cotlearn.flows import VelocityMLP, fit, integrate
-from cotlearn.flows.one_step import AlphaFlow, MeanFlow, MeanVelocity, Shortcut, TwoPasses, jump
-from cotlearn.flows.one_step.drifting import Drifting, drift
-from cotlearn.flows.one_step.learned_source import LearnedSource, learned_source_loss
+from cotlearn.flows.one_step import MeanFlow, MeanVelocity, Shortcut, TwoPasses, jump
 
-MODULE = "cotlearn.flows.one_step."
 MEAN, SPREAD = 3.0, 0.5
 
 
@@ -58,47 +55,15 @@ def slope(loss, error, pairs):
     return torch.autograd.grad(1e6 * loss(network, pairs, seeded()).mean(), error)[0]
 
 
-def late(share):
-    loss = AlphaFlow(1, share)
-    loss.observe(None, 1)
-    return loss
-
-
 @pytest.mark.parametrize("share", [0.0, 0.5])
 @pytest.mark.parametrize(
     "kind",
-    [MeanFlow, partial(MeanFlow, uniform=True), partial(MeanFlow, prediction="data"), late],
+    [MeanFlow, partial(MeanFlow, uniform=True), partial(MeanFlow, prediction="data")],
 )
 def test_the_mean_velocity_of_a_gaussian_minimises_the_loss_of_mean_flows(monkeypatch, kind, share):
     monkeypatch.setattr("cotlearn.flows.matching.SOFTENING", 1e6)  # equal weights
     loss, pairs = kind(share), gaussian_pairs(100_000)
     assert abs(slope(loss, 0.0, pairs)) < 0.05 < 0.15 < slope(loss, 0.3, pairs)
-
-
-def test_alpha_flow_goes_from_flow_matching_to_mean_flows(monkeypatch):
-    monkeypatch.setattr("cotlearn.flows.matching.SOFTENING", 1e6)
-    pairs, loss = gaussian_pairs(500), AlphaFlow(10, 0.0)
-    shares = []
-    for step in range(11):
-        loss.observe(None, step)
-        shares.append(loss.share_straight)
-    assert shares[0] > 0.999
-    assert shares == sorted(shares, reverse=True)
-    assert shares[-1] == 0.005
-
-    expected = slope(MeanFlow(0.0), 0.3, pairs)
-    torch.testing.assert_close(slope(loss, 0.3, pairs), expected, rtol=0.05, atol=0)
-    loss.observe(None, 0)
-    x0, x1 = pairs.x0, pairs.x1
-    said = []
-
-    def zero(t, x, c, length):
-        said.append(length)
-        return torch.zeros_like(x)
-
-    expected = (x1 - x0).square().sum(dim=1)
-    torch.testing.assert_close(1e6 * loss(zero, pairs, seeded()), expected, rtol=1e-3, atol=1e-3)
-    assert said[0].max() < 1e-4  # nothing is left to jump
 
 
 def test_two_halves_of_an_exact_jump_are_the_jump():
@@ -133,7 +98,7 @@ def test_uniform_times_ask_for_jumps_over_nearly_all_of_the_path():
     assert long[False] < 0.001
 
 
-@pytest.mark.parametrize("loss", [MeanFlow(), AlphaFlow(100), Shortcut(0.25)])
+@pytest.mark.parametrize("loss", [MeanFlow(), Shortcut(0.25)])
 def test_one_jump_of_a_trained_network(loss):
     x1 = MEAN + SPREAD * torch.randn(4000, 1, generator=seeded())
     network = MeanVelocity(VelocityMLP(1, 1, width=64, seed=0))
@@ -162,11 +127,8 @@ def test_every_loss_trains_on_pairs_of_a_conditional_coupling():
     data, mlp = Dataset(x1, c), VelocityMLP(2, 2, width=16, seed=0)
     for loss, network in (
         (MeanFlow(), MeanVelocity(VelocityMLP(2, 3, width=16, seed=0))),
-        (AlphaFlow(20), MeanVelocity(VelocityMLP(2, 3, width=16, seed=0))),
         (Shortcut(), MeanVelocity(VelocityMLP(2, 3, width=16, seed=0))),
         (TwoPasses(), mlp),
-        (Drifting(4), mlp),
-        (learned_source_loss, LearnedSource(mlp, seed=0)),
     ):
         found = fit(network, data, StratifiedOT(8), steps=3, batch_size=64, loss=loss)
         assert all(torch.isfinite(p).all() for p in found.network.parameters())
@@ -187,38 +149,6 @@ def test_two_passes_see_zeros_and_then_the_first_answer():
     assert [time for time, _ in seen] == [0.0, pytest.approx(0.9)]
     assert (seen[0][1] == 0).all()
     assert (seen[1][1] == 1.8).all()
-
-
-def test_drift_vanishes_where_the_samples_have_the_law_of_the_data():
-    data, same = torch.randn(3000, 2, generator=seeded()), torch.ones(1, 3000, dtype=torch.bool)
-    shift = torch.tensor([0, 1.0]).reshape(2, 1, 1, 1)
-    alike, moved = torch.randn(2, 1, 3000, 2, generator=seeded(1)) + shift
-    still, back = (drift(y, data, same, 0.5).mean(dim=1) for y in (alike, moved))
-    assert still.norm() < 0.01
-    assert (back < -0.05).all()  # towards the data
-    point = torch.ones(1, 4, 2)
-    assert drift(point, torch.ones(1, 2), torch.ones(1, 1, dtype=torch.bool), 0.1).norm() == 0
-
-
-def test_drift_sees_only_data_of_its_condition():
-    y, data = torch.zeros(2, 2, 1), torch.tensor([[1.0], [-1.0]])
-    y = y + torch.tensor([[0.0], [0.1]])
-    moved = drift(y, data, torch.eye(2, dtype=torch.bool), 1.0)
-    assert (moved[0] > 0).all()
-    assert (moved[1] < 0).all()
-
-
-@pytest.mark.parametrize("weight", [0.0, 5.0])
-def test_a_learned_source_collapses_unless_its_spread_is_kept(monkeypatch, weight):
-    monkeypatch.setattr(MODULE + "learned_source.KL_WEIGHT", weight)
-    c = torch.randn(2000, 1, generator=seeded())
-    data = Dataset(3 * c + torch.randn(2000, 1, generator=seeded(1)), c)
-    network = LearnedSource(VelocityMLP(1, 1, width=32, seed=0), width=32, seed=0)
-    found = fit(network, data, Independent(), steps=500, batch_size=256, loss=learned_source_loss)
-    mean, log_spread = found.network.mean_and_log_spread(c)
-    spread = float(log_spread.exp().mean())
-    assert (spread > 0.6) if weight else (spread < 0.4)
-    assert (mean - 3 * c).square().mean().sqrt() < 0.5  # it is drawn to the data
 
 
 class _NoForwardMode(torch.autograd.Function):
@@ -245,12 +175,8 @@ class _Opaque(nn.Module):
 test_bad_input = refused(
     (lambda: MeanFlow(1.5), "share_instant"),
     (lambda: MeanFlow(prediction="noise"), "prediction"),
-    (lambda: AlphaFlow(0), "steps"),
-    (lambda: AlphaFlow(9, 1.5), "share_instant"),
     (lambda: Shortcut(-0.1), "share"),
-    (lambda: Drifting(1), "draws"),
     (lambda: MeanVelocity(VelocityMLP(2)), "condition_dim"),
-    (lambda: LearnedSource(VelocityMLP(2)), "network must have a condition"),
     (lambda: jump(VelocityMLP(2, 1), torch.zeros(3, 2), nfe=1), "network must be"),
     (lambda: jump(MeanVelocity(VelocityMLP(2, 1)), torch.zeros(3, 2), nfe=0), "nfe"),
     (lambda: jump(MeanVelocity(VelocityMLP(2, 2)), torch.zeros(3, 2), nfe=1), "c is missing"),

@@ -6,9 +6,12 @@ import pytest
 import torch
 from support import refused, seeded
 
-from cotlearn.flows import VelocityMLP, integrate, sampler
+from cotlearn.flows import VelocityMLP, integrate, sampler, solvers
+from cotlearn.flows.diffusion import Diffusion
+from cotlearn.flows.one_step import MeanVelocity, TwoPasses, jump
+from cotlearn.flows.solvers import METHODS
 from cotlearn.gaussian import LinearGaussian
-from cotlearn.metrics import squared_w2
+from cotlearn.metrics import squared_w2, straightness
 from cotlearn.mixtures import petals
 
 NETWORK = VelocityMLP(2, 4, width=8, depth=1).double()
@@ -202,3 +205,46 @@ def test_sampler_without_a_dimension():
         sampler(known, nfe=1)
     with pytest.raises(ValueError, match="dim must be at least 1"):
         sampler(known, nfe=1, dim=0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_velocity_that_writes_into_x_spoils_nothing(method):
+    def writes(t, x, c):
+        return x.mul_(-1.0)
+
+    x0 = torch.randn(4, 2, generator=seeded())
+    before, nfe = x0.clone(), None if method == "dopri5" else 8
+    made = integrate(writes, x0, nfe=nfe, method=method).x1
+    assert torch.equal(x0, before)
+    assert torch.allclose(made, integrate(lambda t, x, c: -x, x0, nfe=nfe, method=method).x1)
+
+
+def test_a_stiff_field_ends(monkeypatch):
+    monkeypatch.setattr(solvers, "MOST_EVALUATIONS", 300)
+    with pytest.raises(RuntimeError, match=r"dopri5 stopped at t = 0.0.* 300 evaluations.*stiff"):
+        integrate(lambda t, x, c: -1e6 * x, torch.ones(2, 2), method="dopri5")
+
+
+def one_column(t, x, c=None, *length):
+    return x[:, :1]
+
+
+Z = torch.randn(8, 2, generator=seeded())
+test_a_network_that_forgets_a_column_is_refused = refused(
+    (lambda: straightness(one_column, Z), r"velocity must return shape \(8, 2\), got \(8, 1\)"),
+    (lambda: Diffusion().ddim(one_column, Z, nfe=2), "network must return shape"),
+    (lambda: Diffusion(3).ddpm(one_column, Z, noise=torch.zeros(2, 8, 2)), "network must return"),
+    (lambda: TwoPasses().sample(one_column, Z), "network must return shape"),
+    (lambda: jump(Forgetful(), Z, nfe=1), "network must return shape"),
+    error=ValueError,
+)
+
+
+class Forgetful(MeanVelocity):
+    """A network of mean velocities that forgets a column."""
+
+    def __init__(self):
+        super().__init__(VelocityMLP(2, 1, width=4, depth=1))
+
+    def forward(self, t, x, c=None, length=0.0):
+        return x[:, :1]

@@ -1,13 +1,13 @@
-"""Counts lines of code, without docstrings, comments and blanks.
-
-Usage: python tests/house/lines.py cotlearn tests
-"""
+"""Prints the lines of code of each folder, without docstrings and comments: `make lines`."""
 
 import ast
 import io
-import sys
 import tokenize
+from collections import Counter
 from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+TOPS = ("course.py", "release.py", "cotlearn", "notebooks", "benchmarks", "docs", "tests")
 
 _NOTHING = {
     tokenize.COMMENT,
@@ -34,14 +34,19 @@ def code_lines(path: Path) -> int:
     return len(found)
 
 
-def count(folder: Path) -> dict[Path, int]:
-    """Lines of code of every Python file in a folder."""
-    return {path: code_lines(path) for path in sorted(folder.rglob("*.py"))}
+def counted() -> Counter[str]:
+    """Lines of code of every folder, two levels deep, and of every module beside these."""
+    found: Counter[str] = Counter()
+    for top in TOPS:
+        for path in [ROOT / top, *(ROOT / top).rglob("*.py")]:
+            if path.suffix == ".py":
+                found["/".join(path.relative_to(ROOT).parts[:2])] += code_lines(path)
+    return found
 
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or ["cotlearn", "tests"]:
-        lines = count(Path(name))
-        for path, number in lines.items():
-            print(f"{number:6d} {path}")
-        print(f"{sum(lines.values()):6d} {name}, {len(lines)} files")
+    folders = counted()
+    for name, lines in sorted(folders.items()):
+        print(f"{lines:6d} {name}")
+    for top in TOPS:
+        print(f"{sum(n for name, n in folders.items() if name.split('/')[0] == top):6d} {top}")

@@ -81,6 +81,7 @@ def test_closing(cells):
         assert "claim(" in cells[i].source, f"cell {i} is tagged 'claim' and claims nothing"
 
 
+AS_IN_02 = "give it the metadata that notebook 02 has in the cell"
 LESSONS = ("08", "10", "11", "13", "14")  #: with a table that is made before
 
 
@@ -96,7 +97,7 @@ def test_claims_are_folded(cells, extra):
     if extra:
         pytest.skip("no lesson")
     for i in tagged(cells, "claim"):
-        assert folded(cells[i]), f"cell {i} is not folded"
+        assert folded(cells[i]), f"cell {i} is not folded: {AS_IN_02} of its claims"
 
 
 def test_imports_are_folded(cells):
@@ -105,7 +106,7 @@ def test_imports_are_folded(cells):
     opening = list(itertools.takewhile(lambda x: x[1].source.startswith(starts), code(cells)))
     assert opening, "the first cell of code imports nothing"
     for i, _ in opening:
-        assert folded(cells[i]), f"cell {i} is not folded"
+        assert folded(cells[i]), f"cell {i} is not folded: {AS_IN_02} of its imports"
 
 
 def test_exercises(cells, extra):

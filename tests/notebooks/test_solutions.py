@@ -6,7 +6,8 @@ import re
 import matplotlib as mpl
 import pytest
 
-from cotlearn.homework import Verdict, check
+from cotlearn.course import check
+from cotlearn.course.checking import Verdict
 
 PREAMBLE = "import math, torch, numpy as np, matplotlib.pyplot as plt, cotlearn"
 SOLUTION = re.compile(r"<summary>Solution</summary>(.*?)</details>", re.DOTALL)

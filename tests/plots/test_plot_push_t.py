@@ -7,7 +7,7 @@ from matplotlib.patches import Circle
 from cotlearn import plots
 from cotlearn.plots.push_t import push_t_state
 from cotlearn.robots.push_t import GOAL, corners
-from cotlearn.robots.push_t.task import AGENT_RADIUS
+from cotlearn.robots.push_t.constants import AGENT_RADIUS
 
 STATE = np.array([100.0, 150.0, 300.0, 200.0, 0.5])
 STATES = np.linspace(STATE, [200, 250, *GOAL], 9)

@@ -16,7 +16,7 @@ def test_bars_are_as_long_as_their_values_and_say_them():
     ax = plots.bars(values, ylabel="error", log=True)
     assert [patch.get_width() for patch in ax.patches] == [1.0, 0.25]
     assert words(ax.texts) == ["1", "0.25"]
-    assert words(ax.get_yticklabels()) == ["independent", "minibatch OT (naive)"]
+    assert words(ax.get_yticklabels()) == ["independent", "naive OT"]
     assert ax.yaxis_inverted()
 
 

@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import to_rgb
+from matplotlib.markers import MarkerStyle
 
 from cotlearn import plots
 from cotlearn.plots.style import CONDITION_MARKERS, readable
@@ -13,7 +14,7 @@ METHOD_NAMES = {
     *("mean_flow_residual", "shortcut", "shortcut_residual", "two_passes", "diffusion"),
     *("diffusion_residual", "behaviour_cloning", "truth"),
     *("adaptive_weights", "adaptive_weights_residual", "mean_flow_data"),
-    "mean_flow_data_residual",
+    *("mean_flow_data_residual", "drifting"),
 }
 
 
@@ -22,6 +23,11 @@ def test_every_method_has_one_colour_marker_line_and_label():
     for sign in zip(*plots.LOOKS.values(), strict=True):
         assert len(set(sign)) == len(METHOD_NAMES)
     assert len(set(plots.CONDITION_COLORS)) == len(set(CONDITION_MARKERS)) == 10
+
+
+def test_every_marker_can_be_drawn():
+    for look in plots.LOOKS.values():
+        assert MarkerStyle(look.marker).get_path() is not None
 
 
 def test_use_style_changes_the_figure():

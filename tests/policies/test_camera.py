@@ -7,23 +7,24 @@ import pytest
 import torch
 
 from cotlearn.couplings import Independent
-from cotlearn.couplings.base import generator_for
 from cotlearn.flows.diffusion import Diffusion
 from cotlearn.flows.matching import conditional_flow_matching_loss
 from cotlearn.flows.solvers import integrate
-from cotlearn.policies import pixels
-from cotlearn.policies.comparison import choice
-from cotlearn.policies.comparison.choice import choose, with_choice
+from cotlearn.policies import choice, pixels
+from cotlearn.policies.choice import choose, with_choice
 from cotlearn.policies.methods import METHODS
+from cotlearn.policies.options import Options
 from cotlearn.policies.pixels import CameraLoss, CameraNetwork, Pixels, TurnedMLP
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.samplers import FlowSampler
-from cotlearn.policies.settings import SETTINGS
-from cotlearn.policies.training import Options, train
+from cotlearn.policies.settings import COMPARED
+from cotlearn.policies.training import train
+from cotlearn.randomness import generator_for
+from cotlearn.storage import load_tensors, save_tensors
 
 CAMERA = Pixels(size=16, features=3, components=4, condition_clusters=5)
 SMALL = Options(steps=4, batch_size=16, width=16, blocks=1, clusters=20, ot_batch_size=32)
-SMALL = replace(SMALL, condition_weight=1.0, camera=CAMERA)
+SMALL = replace(SMALL, condition_weight=1.0, camera=CAMERA, reflow_pairs=100, reflow_nfe=2)
 
 
 @pytest.fixture(scope="module")
@@ -62,16 +63,6 @@ def test_a_network_that_sees(network, data):
     assert torch.equal(network(0.3, x, other), v)
     other[:, 8] += 1  # where it is
     assert not torch.allclose(network(0.3, x, other), v)
-
-
-def test_seen_from_the_t(network, data, episodes):
-    """As `BodyFrame` turns directions; and the inner network of `TurnedMLP` sees the same."""
-    x, c = data.x1[:9], data.c[:9]
-    turned = pixels.turned_with_t(x, c, camera=network.camera, sign=-1)
-    for row, angle in enumerate(episodes.state[:9, 4]):
-        assert torch.allclose(turned[row], _turn(x[row : row + 1], -angle)[0], atol=1e-4)
-    back = pixels.turned_with_t(turned, c, camera=network.camera, sign=1)
-    assert torch.allclose(back, x, atol=1e-5)
 
 
 def test_the_pose_error_of_the_true_pose_is_zero(network, data, episodes):
@@ -147,9 +138,7 @@ def test_one_look_for_a_chunk(network, windows, episodes):
     assert actions == pytest.approx(expected, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    "method", [*SETTINGS["push-t-pixels"].methods, "mean_flow", "mean_flow_data"]
-)
+@pytest.mark.parametrize("method", [*COMPARED, "conditional_ot", "stratified", "mean_flow"])
 def test_every_method_trains_and_is_kept(episodes, method, tmp_path):
     made = [train(method, episodes, options=SMALL, progress=False).policy for _ in range(2)]
     weights = zip(*(policy.network.parameters() for policy in made), strict=True)
@@ -172,22 +161,43 @@ def test_every_method_trains_and_is_kept(episodes, method, tmp_path):
             assert policy.with_sampler(sampler).act(history).shape == (3, 8, 2)
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"size": 10**6}, "size must be at most 1024, got 1000000"),
+        ({"size": 0}, "size must be at least 1"),
+        ({"observe": 10**12}, "the shape"),
+        ({"low": [0.0]}, r"low must have shape \(6,\)"),
+        ({"high": [math.inf] * 6}, "high has NaN or infinite values"),
+    ],
+)
+def test_a_file_with_another_camera(network, windows, tmp_path, change, message):
+    """It is refused when it is loaded; an image of 10^6 pixels squared is not even tried."""
+    path = tmp_path / "crafted.safetensors"
+    ChunkPolicy(network, windows, FlowSampler()).save(path)
+    tensors, record = load_tensors(path)
+    record["policy"]["network"]["camera"] |= change
+    save_tensors(path, tensors, record)
+    with pytest.raises(ValueError, match=f"crafted.safetensors .*{message}"):
+        ChunkPolicy.load(path)
+
+
 def test_the_coupling_sees_pictures(data, windows):
-    seen = SMALL.pictures(METHODS["stratified"], data, windows)
+    seen = METHODS["stratified"].fitted_pictures(SMALL, data, windows)
     assert seen.labels(data.c).unique().numel() == 20
     camera = SMALL.camera.camera(windows)
     assert torch.equal(seen.labels(data.c), seen.inner.labels(camera(data.c)))
     other = data.c.clone()
     other[:, 2:6] = 0  # where the T was a step ago is in no picture
     assert torch.equal(seen.labels(other), seen.labels(data.c))
-    assert SMALL.pictures(METHODS["independent"], data, windows) is None
+    assert METHODS["independent"].fitted_pictures(SMALL, data, windows) is None
     assert METHODS["stratified"].coupling(SMALL, seen).clusters is seen
-    few = SMALL.pictures(METHODS["conditional_ot"], data, windows)
+    few = METHODS["conditional_ot"].fitted_pictures(SMALL, data, windows)
     assert few.labels(data.c).unique().numel() == 5
 
 
 def test_bad_options():
-    with pytest.raises(ValueError, match="network and frame must be mlp and agent, got"):
+    with pytest.raises(ValueError, match="frame must be agent with a camera, got body"):
         replace(SMALL, frame="body")
     with pytest.raises(ValueError, match="size must be at least 1"):
         Pixels(size=0)

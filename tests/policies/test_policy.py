@@ -1,3 +1,4 @@
+import time
 from dataclasses import replace
 
 import gymnasium
@@ -8,13 +9,13 @@ from safetensors.torch import save_file
 
 import cotlearn.robots  # noqa: F401  (registers the environment)
 from cotlearn.flows.diffusion import Diffusion
-from cotlearn.flows.networks import ResidualMLP, TemporalUNet, VelocityMLP
+from cotlearn.flows.networks import ResidualMLP, VelocityMLP
 from cotlearn.flows.solvers import integrate
 from cotlearn.policies import samplers
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.samplers import DDIMSampler, DDPMSampler, FlowSampler, MeanSampler
 from cotlearn.policies.windows import Windows
-from cotlearn.storage import save_tensors
+from cotlearn.storage import load_tensors, save_tensors
 
 SAMPLERS = [
     *(FlowSampler(2), FlowSampler(2, "midpoint"), FlowSampler(2, prediction="data")),
@@ -68,12 +69,8 @@ def test_chunks_by_hand(network, windows, history):
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS, ids=str)
-@pytest.mark.parametrize("kind", ["mlp", "unet"])
-def test_save_and_load(windows, history, tmp_path, sampler, kind):
-    if kind == "mlp":
-        network = ResidualMLP(32, 12, width=24, blocks=2, context=8, seed=1)
-    else:
-        network = TemporalUNet(16, 2, 12, seed=1)
+def test_save_and_load(windows, history, tmp_path, sampler):
+    network = ResidualMLP(32, 12, width=24, blocks=2, context=8, seed=1)
     policy = ChunkPolicy(network, windows, sampler, execute=4, about={"seed": 1})
     path = tmp_path / "policy.safetensors"
     policy.save(path)
@@ -86,12 +83,6 @@ def test_save_and_load(windows, history, tmp_path, sampler, kind):
     assert (tmp_path / "half.safetensors").stat().st_size < path.stat().st_size
     half = ChunkPolicy.load(tmp_path / "half.safetensors")
     assert np.allclose(half.act(history, noise=noise), policy.act(history, noise=noise), atol=20)
-
-
-def test_samplers_are_still_found_where_they_were():
-    with pytest.warns(FutureWarning, match=r"FlowSampler is called cotlearn\.policies\.samplers"):
-        from cotlearn.policies.policy import FlowSampler as moved
-    assert moved is FlowSampler
 
 
 def test_temperature_scales_the_noise(network, windows, history, tmp_path):
@@ -167,6 +158,43 @@ def test_a_network_that_went_wrong(windows, history):
         network.last[-1].bias.fill_(torch.nan)
     with pytest.raises(RuntimeError, match="not finite"):
         ChunkPolicy(network, windows, MeanSampler()).act(history)
+
+
+JUMP = {"kind": "JumpSampler", "prediction": "velocity"}
+DDPM = {"kind": "DDPMSampler", "prediction": "noise"}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"network": {"blocks": 3_000_000}}, "3000000 layers cannot have"),
+        ({"network": {"blocks": 2}}, "blocks.1"),
+        ({"network": {"width": 10**7}}, "expected .*10000000"),
+        ({"network": {"width": "wide"}}, "width must be an integer"),
+        ({"windows": {"action_range": [[-1.0], [1.0]]}}, r"action_range must have shape \(2, 2\)"),
+        ({"windows": {"action_range": [[-1.0] * 3] * 2}}, r"action_range must have shape \(2, 2\)"),
+        ({"windows": {"observation_range": [0.0]}}, r"observation_range must have shape \(2, 6\)"),
+        ({"windows": {"predict": 10**12, "knots": 16}}, "predict must be at most 10000"),
+        ({"sampler": {"nfe": 10**12}}, "nfe must be at most 10000"),
+        ({"sampler": {**JUMP, "nfe": 10**12}}, "nfe must be at most 10000"),
+        ({"sampler": {**DDPM, "levels": 20_000}}, "levels must be at most 10000"),
+        ({"sampler": {**DDPM, "kind": "DDIMSampler", "levels": 20_000}}, "levels must be at most"),
+        ({"sampler": {**DDPM, "clip": "much"}}, "clip must be"),
+        ({"windows": 3}, "holds no policy that fits"),
+    ],
+)
+def test_a_file_whose_claims_do_not_fit_its_weights(windows, network, tmp_path, change, message):
+    path = tmp_path / "crafted.safetensors"
+    ChunkPolicy(network, windows, FlowSampler()).save(path)
+    tensors, record = load_tensors(path)
+    for name, new in change.items():
+        some = isinstance(new, dict) and "kind" not in new
+        record["policy"][name] = {**record["policy"][name], **new} if some else new
+    save_tensors(path, tensors, record)
+    begun = time.monotonic()
+    with pytest.raises(ValueError, match=f"crafted.safetensors .*{message}"):
+        ChunkPolicy.load(path)
+    assert time.monotonic() - begun < 20  # three million blocks take minutes
 
 
 def test_foreign_weights(windows, network, tmp_path):

@@ -7,7 +7,7 @@ import torch
 
 from cotlearn.policies.windows import Windows
 from cotlearn.robots.episodes import Episodes
-from cotlearn.robots.push_t import GOAL, corners
+from cotlearn.robots.push_t import GOAL, PUSH_T, corners
 
 
 def test_windows_by_hand(episodes):
@@ -113,13 +113,6 @@ def test_windows_survive_json(episodes):
     assert torch.equal(again.condition(history), windows.condition(history))
 
 
-def test_a_policy_from_before_the_names_changed(episodes):
-    windows = Windows.fit(episodes, open_loop=True)
-    stored = windows.metadata()
-    stored["whole"] = stored.pop("open_loop")
-    assert Windows.from_metadata(stored).open_loop is True
-
-
 def test_without_intentions_the_actions_are_learned(episodes):
     windows = Windows.fit(episodes)
     silent = replace(episodes, intention=None)
@@ -145,7 +138,7 @@ def test_bad_windows(episodes, options, message):
 
 def test_any_constant_column_becomes_zero():
     state = np.tile([100.0, 100.0, 200.0, 200.0, 0.5], (30, 1))
-    still = Episodes(state, state[:, :2], np.array([30]))
+    still = Episodes(state, state[:, :2], np.array([30]), PUSH_T)
     data = Windows.fit(still).dataset(still)
     assert torch.allclose(data.c, torch.zeros(30, 12), atol=1e-6)
     assert torch.allclose(data.x1, torch.zeros(30, 32), atol=1e-6)

@@ -126,6 +126,7 @@ def test_stratified_times_take_out_variance():
     assert abs(float(found.mean()) - math.sin(6) / 6) < 4 * float(found.std()) / 10
 
 
+@pytest.mark.slow
 def test_free_action_follows_the_middle_and_the_optimal_one_does_not():
     data = KnownMap(lambda x: x + torch.tensor([4.0, 0.0]), 2)
     options = {"steps": 250, "batch_size": 128, "learning_rate": 1e-2, "seed": 0}
@@ -149,6 +150,7 @@ class _Shift(Independent):
         return super().match(x0, x1, c, rng)._replace(x1=x0 + torch.tensor([4.0, 0.0]))
 
 
+@pytest.mark.slow
 def test_optimal_action_matching_trains_to_the_map():
     data = KnownMap(LogSumExp(2, seed=0).gradient, 2)
     net = ICNN(2, width=32, depth=2, seed=0).start_at_gaussian(data.sample(2000)[0])

@@ -9,7 +9,7 @@ from support import refused, same_weights, seeded
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT, Pairs
-from cotlearn.flows import conditional_flow_matching_loss, fit, integrate, sampler
+from cotlearn.flows import conditional_flow_matching_loss, fit, integrate, sampler, training
 from cotlearn.gaussian import bures_squared
 from cotlearn.metrics import conditional_squared_w2, l2_uvp
 from cotlearn.mixtures import petals
@@ -187,6 +187,7 @@ def test_dtype():
 TRAINING = {"steps": 200, "batch_size": 128, "learning_rate": 3e-2, "seed": 0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("loss", "coupling"),
     [
@@ -205,6 +206,7 @@ def test_training_finds_a_known_map(loss, coupling):
     assert l2_uvp(transport(trained, x0), data.transport(x0)) < 2 < 8 < before
 
 
+@pytest.mark.slow
 def test_naive_pairs_with_a_condition_change_the_answer():
     """Plan-independence protects only while the noise does not depend on the condition."""
     data = ConditionalGaussian(2)
@@ -224,7 +226,7 @@ def test_naive_pairs_with_a_condition_change_the_answer():
 
 
 @pytest.mark.parametrize("loss", [optimal_flow_matching_loss, dual_loss])
-def test_resumes_bit_for_bit(loss, tmp_path):
+def test_resumes_bit_for_bit(loss, tmp_path, monkeypatch):
     data = petals()
     options = {"batch_size": 16, "loss": loss, "coupling": MinibatchOT(), "schedule": "constant"}
     net = PICNN(2, 4, width=8, depth=1, seed=0)
@@ -244,7 +246,8 @@ def test_resumes_bit_for_bit(loss, tmp_path):
                 raise Stopped
             return loss(network, pairs, generator)
 
-    part = {"steps": 12, "checkpoint": path, "checkpoint_every": 6}
+    monkeypatch.setattr(training, "CHECKPOINT_EVERY", 6)
+    part = {"steps": 12, "checkpoint": path}
     with pytest.raises(Stopped):
         fit(net, data, **{**options, "loss": Stops()}, **part)
     assert same_weights(whole, fit(net, data, **options, **part).network)

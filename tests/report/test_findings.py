@@ -1,5 +1,7 @@
 """The report: its numbers, its page and its model."""
 
+import ast
+import html
 import re
 from dataclasses import replace
 
@@ -70,13 +72,40 @@ def test_the_trial_decides_and_not_the_forecast(findings, better, row_by_row, he
     assert "groups that stay together" not in page  # none were given
 
 
+def test_a_sentinel_does_not_hide_its_column(two_candidates, tmp_path):
+    """With 2 % of a column at -9999 the network scored .64 and .59 (two seeds), as without it."""
+    rng = np.random.default_rng(0)
+    label, where = np.eye(2)[rng.integers(2, size=800)], rng.uniform(-1, 1, (800, 1))
+    x1 = np.hstack([where, label[:, :1]]) + 0.05 * rng.normal(size=(800, 2))
+    lost = rng.random((800, 1)) < 0.02
+    rows = from_arrays(x1, np.hstack([label, np.where(lost, -9999.0, where)]))
+    found = examine(rows, steps=200, probe_steps=5, pairs=100)
+    there = found.test.c[:, 2] > -3
+    assert 0.9 < there.double().mean() < 1
+    assert found.trials[0].scores[3][there].mean() < 0.2  # .094, and .094 without a sentinel
+    found.model.save(tmp_path / "m.safetensors")
+    again, g = FewStepModel.load(tmp_path / "m.safetensors"), torch.Generator()
+    drawn = [m.sample(rows.data.c, generator=g.manual_seed(0)) for m in (found.model, again)]
+    assert torch.equal(*drawn)
+
+
+def test_a_regression_that_wins_is_the_headline():
+    x1, c = two_columns = np.random.default_rng(0).normal(size=(2, 400, 2))
+    x1[:] = np.sin(c) + 0.001 * x1
+    found = examine(from_arrays(*two_columns), steps=5, probe_steps=5, pairs=100)
+    assert found.advice.regression_wins
+    assert found.headline().startswith("Use a regression")
+
+
 def test_digits_whose_forecast_is_refuted_get_the_model_of_independent_pairs(monkeypatch):
     """The lower half given the upper half, where short and long trainings refute the probe."""
     strata = {"independent": Independent(), "strata": StratifiedOT(32)}
 
     def advise(x1, c, **options):
         found = frontier(x1, c, {**strata}, progress=False, **options)
-        return Recommendation("strata", strata["strata"], "", found, between_within(x1, c))
+        return Recommendation(
+            "strata", strata["strata"], "", found, between_within(x1, c), 9.0, False
+        )
 
     monkeypatch.setattr("cotlearn.report.findings.recommend", advise)
     image = load_digits().data
@@ -116,6 +145,14 @@ def test_the_page_is_whole_and_alone(findings, tmp_path):
     words += ['name="viewport"', "When to use none of this", findings.advice.reason.split(". ")[0]]
     assert [word for word in words if word not in text] == []
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]  # no part is left
+
+
+def test_the_snippet_of_the_page_is_python_for_any_name_of_a_model(findings, tmp_path):
+    name = 'it"s\'); import os; print("a\\b.safetensors'
+    text = write_page(findings, tmp_path / "report.html", model=name).read_text("utf-8")
+    [snippet] = re.findall(r"FewStepModel.load\(.*", html.unescape(text))
+    [load] = ast.parse(snippet).body
+    assert ast.literal_eval(load.value.args[0]) == name
 
 
 def test_a_group_is_never_split():

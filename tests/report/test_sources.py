@@ -1,5 +1,11 @@
 """Data of one's own: every layout that is read, and errors that name what is wrong."""
 
+import contextlib
+import json
+import pickle
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -40,6 +46,56 @@ def test_labels_become_one_hot(labels):
     assert "2 labels" in rows.about
 
 
+def test_strings_are_labels_however_they_are_held():
+    """As pandas holds them, and NumPy since version 2."""
+    words = ["a", "b", "a"]
+    for held in (np.array(words, dtype=object), np.array(words, dtype=np.dtypes.StringDType())):
+        rows = from_arrays(numbers(3, 1), held, group=held)
+        assert rows.data.c.tolist() == [[1, 0], [0, 1], [1, 0]]
+        assert rows.group.tolist() == [0, 1, 0]
+    with pytest.raises(TypeError, match=r"c must hold real numbers or strings, got .*None"):
+        from_arrays(numbers(3, 1), np.array(["a", None, "b"], dtype=object))
+
+
+@pytest.mark.parametrize("name", ["x1", "c"])
+@pytest.mark.parametrize(
+    "lost",
+    [
+        1_760_000_000_000_000_000 + np.arange(200)[:, None],
+        2**63 + np.arange(200, dtype=np.uint64)[:, None],
+        1e15 + np.arange(200.0)[:, None],
+        numbers(200, 2) * 1e-46,
+        numbers(200, 2) * 1e-50,
+        numbers(200, 2) * 1e-170,
+    ],
+)
+def test_distinct_rows_do_not_become_one(name, lost, tmp_path):
+    """Of each of these, float32 keeps 1 row of 200."""
+    arrays = {"x1": numbers(200, 2), "c": numbers(200, 2), name: lost}
+    with pytest.raises(ValueError, match=f"{name} has values up to .* would merge them; subtract"):
+        from_arrays(**arrays)
+    with pytest.raises(ValueError, match=f"{name} has values up to .* would merge them; subtract"):
+        read_data(saved(tmp_path, **arrays))
+    above = lost - lost.min()
+    arrays[name] = above / above.max()
+    kept = getattr(from_arrays(**arrays).data, name)
+    assert len(kept.unique(dim=0)) == 200
+
+
+def test_a_sentinel_hides_no_rows_that_merge():
+    """The column deviates by 7e8, but its other values by 60: float32 would keep 4 of 200."""
+    times = np.where(np.arange(200) % 5, 1.7e9 + np.arange(200.0), -9999.0)[:, None]
+    with pytest.raises(ValueError, match=r"x1 has values up to 1.7e\+09 .* would merge them"):
+        from_arrays(times, numbers(200, 1))
+
+
+def test_integers_that_float32_holds_are_taken_to_the_ends_of_their_range():
+    ends = np.array([[-(2**63)], [2**63 - 1], [0]])
+    assert from_arrays(numbers(3, 1), ends).data.c[:, 0].tolist() == [-(2.0**63), 2.0**63, 0.0]
+    same = np.full((3, 1), 2**62 + 1)
+    assert len(from_arrays(numbers(3, 1), same).data.c.unique()) == 1
+
+
 def test_further_axes_are_flattened_and_a_vector_of_numbers_is_a_column():
     rows = from_arrays(numbers(5, 2, 4), numbers(5))
     assert rows.data.x1.shape == (5, 8)
@@ -74,6 +130,103 @@ def test_a_zarr_of_diffusion_policy(tmp_path):
     assert rows.data.x1.shape == (9, 2)
 
 
+def a_zarr(path, change=None, chunk=None, zarr_format=2):
+    """A replay buffer whose arrays' metadata and chunks may be changed."""
+    zarr = pytest.importorskip("zarr")
+    group = zarr.open_group(path, mode="w", zarr_format=zarr_format)
+    state, action, ends = episodes()
+    for name, values in (("data/obs", state), ("data/action", action), ("meta/episode_ends", ends)):
+        group.create_array(name, data=values)
+    for file in path.glob("*/*/.zarray" if zarr_format == 2 else "*/*/zarr.json"):
+        if change:
+            file.write_text(json.dumps({**json.loads(file.read_text()), **change}))
+        for part in file.parent.rglob("0*") if chunk is not None else ():
+            if part.is_file():
+                part.write_bytes(chunk)
+    return path
+
+
+def test_a_zarr_group_is_found_wherever_it_lies(tmp_path):
+    folder = a_zarr(tmp_path / "in" / "mine.zarr")
+    flat = shutil.make_archive(str(tmp_path / "flat.zarr"), "zip", folder)
+    deep = shutil.make_archive(str(tmp_path / "deep"), "zip", tmp_path / "in")
+    (renamed := tmp_path / "renamed").mkdir()
+    shutil.copytree(folder, renamed, dirs_exist_ok=True)
+    for path in (folder, tmp_path / "in", flat, deep, renamed):
+        rows = read_data(path, observe=1, predict=2)
+        np.testing.assert_array_equal(rows.data.c, episodes()[0])
+
+
+class Ran:
+    """Writes a file when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+PICKLE = {"id": "pickle", "protocol": 5}
+DELTA = {"id": "delta", "dtype": "<f8"}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"compressor": PICKLE}, ""),
+        ({"filters": [DELTA, PICKLE]}, ""),
+        ({"filters": [DELTA]}, "data/obs is stored with delta, which is not decoded"),
+        ({"compressor": {"id": "lzma"}}, "data/obs is stored with lzma, which is not decoded"),
+        ({"compressor": None, "filters": [PICKLE], "dtype": "|O", "fill_value": None}, ""),
+    ],
+)
+def test_a_zarr_that_names_a_codec_which_could_run_code(tmp_path, monkeypatch, change, message):
+    pickles = pytest.importorskip("numcodecs.pickles")
+    monkeypatch.setattr(pickles, "ALLOW_UNSAFE_PICKLE_DECODE", True)
+    code = pickle.dumps(Ran(ran := tmp_path / "ran"))
+    path = a_zarr(tmp_path / "a.zarr", change, code)
+    with pytest.raises(ValueError, match=rf"a\.zarr.*{message}"):
+        read_data(path)
+    assert not ran.exists()
+
+
+@pytest.mark.parametrize(
+    ("zarr_format", "change", "chunk"),
+    [
+        (2, {"compressor": {"id": "zlib"}}, b"garbage!" * 9),
+        (2, {"compressor": {"id": "lzma"}}, b"garbage!" * 9),
+        (2, {"compressor": {"id": "unknown"}}, b"garbage!" * 9),
+        (2, {"compressor": None}, b"short"),
+        (2, {"shape": "many"}, None),
+        (2, {"dtype": "<U3", "fill_value": ""}, None),
+        (3, {}, b"garbage!" * 9),
+        (3, {"codecs": [{"name": "numcodecs.pickle", "configuration": {}}]}, None),
+        (3, {"codecs": [{"name": "vlen-bytes"}]}, None),
+    ],
+)
+def test_damaged_and_foreign_zarrs_are_named(tmp_path, zarr_format, change, chunk):
+    path = a_zarr(tmp_path / "a.zarr", change, chunk, zarr_format)
+    with pytest.raises(ValueError, match=r"a\.zarr"):
+        read_data(path)
+
+
+def test_one_damaged_byte_of_an_npz_is_refused_by_name(tmp_path):
+    path = tmp_path / "mine.npz"
+    np.savez_compressed(path, x1=numbers(60, 2), c=numbers(60, 3))
+    whole = path.read_bytes()
+    for place in range(0, len(whole), 7):
+        damaged = bytearray(whole)
+        damaged[place] ^= 0x55
+        path.write_bytes(damaged)
+        with contextlib.suppress(ValueError):  # the only error there is
+            read_data(path)
+    np.save(tmp_path / "a.npy", numbers(3))
+    (tmp_path / "a.npy").rename(path)
+    with pytest.raises(ValueError, match=r"mine\.npz is damaged"):
+        read_data(path)
+
+
 def lerobot(folder, **changes):
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
@@ -101,13 +254,33 @@ def test_damaged_and_foreign_files(tmp_path):
     objects = saved(tmp_path, x1=np.array([{}, {}], dtype=object), c=numbers(2))
     for path, error, message in (
         (tmp_path / "nowhere.npz", FileNotFoundError, "no such file"),
-        (tmp_path / "text.npz", ValueError, "text.npz is damaged, no .npz"),
+        (tmp_path / "text.npz", ValueError, "text.npz is damaged or no .npz"),
         (tmp_path / "empty", ValueError, "no known layout: expected an .npz"),
         (tmp_path / "broken.zarr", ValueError, "broken.zarr"),
         (objects, ValueError, "Python objects"),
     ):
         with pytest.raises(error, match=message):
             read_data(path)
+
+
+def test_hidden_files_beside_a_lerobot_table(tmp_path):
+    folder = lerobot(tmp_path / "mine")
+    (folder / "data" / "._file-000.parquet").write_bytes(b"of macOS")
+    assert len(read_data(folder).data) == 9
+    (only := tmp_path / "only" / "data").mkdir(parents=True)
+    (only / "._file-000.parquet").touch()
+    with pytest.raises(ValueError, match="no known layout"):
+        read_data(only.parent)
+
+
+@pytest.mark.parametrize("name", ["episode_index", "frame_index"])
+@pytest.mark.parametrize("wrong", [None, "a", 0.5, [1]])
+def test_indices_of_a_lerobot_folder_that_are_no_integers(tmp_path, name, wrong):
+    kind = type(wrong)
+    values = [wrong] * 9 if kind in (str, list) else [wrong, *range(1, 9)]
+    values = [float(v) for v in values] if kind is float else values
+    with pytest.raises(ValueError, match=rf"mine: {name} must hold an integer in each frame"):
+        read_data(lerobot(tmp_path / "mine", **{name: values}))
 
 
 def test_a_lerobot_folder_without_states(tmp_path):

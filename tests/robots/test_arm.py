@@ -5,10 +5,10 @@ import sys
 import numpy as np
 import pytest
 
-from cotlearn.robots.arm import MODES, ArmVectorSim, random_start, solve
+from cotlearn.robots.arm import MODES, ArmVectorSim, random_start
 from cotlearn.robots.arm import model as models
+from cotlearn.robots.arm.constants import GOAL, HIGH, KINDS, LOW, MAX_STEPS, TIP, columns, pillars
 from cotlearn.robots.arm.modes import mode_of_path
-from cotlearn.robots.arm.task import GOAL, HIGH, KINDS, LOW, MAX_STEPS, TIP, columns, pillars
 
 
 def line(sim, lift=0.0):
@@ -135,23 +135,11 @@ def test_no_joint_turns_faster_than_it_may():
     assert 0.17 < np.abs(sim.joints - before).max() <= 0.2611
 
 
-def test_joint_targets():
-    sim = ArmVectorSim.from_seeds([0], "ring")
-    place = sim.states[:, TIP] + [0, 0, 0.05]
-    joints = solve(place, sim.joints).joints
-    for _ in range(5):
-        sim.step_joints(joints)
-    assert np.abs(sim.states[:, TIP] - place).max() < 1e-3
-    sim.step_joints(joints + 10)
-    assert sim.unreachable.all()
-    assert np.isfinite(sim.states).all()
-
-
 def test_the_arm_cannot_pass_through_itself():
     sim = ArmVectorSim.from_seeds([0], "ring")
     folded = np.array([[0.0, -1.76, 0.0, -3.07, 0.0, 0.3, 0.8]])
     for _ in range(15):
-        sim.step_joints(folded)
+        sim._lead(np.array([0]), folded, np.array([False]))
     assert sim.finished.all()
     assert sim.touched()[0] in ("the arm itself", "pillar1", "table")
 

@@ -5,17 +5,27 @@ import pytest
 from scipy.optimize import minimize
 from typer.testing import CliRunner
 
-from cotlearn import assets, cli
+from cotlearn import cli
+from cotlearn.course import assets
 from cotlearn.robots.arm import MODES, ArmVectorSim, random_start
+from cotlearn.robots.arm.constants import (
+    GOAL,
+    KINDS,
+    MAX_STEPS,
+    SUCCESS,
+    TIP,
+    UNIT,
+    columns,
+    pillars,
+)
 from cotlearn.robots.arm.definition import ARM_AVOID, ARM_RING
+from cotlearn.robots.arm.expert import ArmExpert, expert
+from cotlearn.robots.arm.expert.expert import NOISE
+from cotlearn.robots.arm.expert.path import CLEARANCE, clearance, minimum_jerk, via_points
 from cotlearn.robots.arm.modes import mode_of_path
-from cotlearn.robots.arm.task import GOAL, KINDS, MAX_STEPS, SUCCESS, TIP, UNIT, columns, pillars
 from cotlearn.robots.episodes import read
+from cotlearn.robots.episodes import record as recording
 from cotlearn.robots.episodes.npz import read_arrays, write_arrays
-from cotlearn.robots.experts import record as recording
-from cotlearn.robots.experts.arm import ArmExpert, expert
-from cotlearn.robots.experts.arm.expert import NOISE
-from cotlearn.robots.experts.arm.path import CLEARANCE, clearance, minimum_jerk, via_points
 from cotlearn.robots.task import Demonstration
 
 SHIPPED = {"ring": ARM_RING.demonstrations, "avoid": ARM_AVOID.demonstrations}

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cotlearn.robots.arm import GoalFrame, random_start
-from cotlearn.robots.arm.task import GOAL, KINDS, TIP, columns
+from cotlearn.robots.arm.constants import GOAL, KINDS, TIP, columns
 
 
 def histories(kind, n=20):

@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from peers import lerobot
 
+from cotlearn.course.assets import find_data
 from cotlearn.robots.episodes import read, split, write_lerobot
-from cotlearn.robots.episodes.lerobot import pose_of
 from cotlearn.robots.episodes.npz import write_arrays
 from cotlearn.robots.push_t import corners
-from cotlearn.robots.push_t.task import KEYPOINTS, PIXEL, TURN
+from cotlearn.robots.push_t.constants import KEYPOINTS, PIXEL, TURN
+from cotlearn.robots.push_t.lerobot import pose_of
 
 
 def same(a, b, tolerance=0.0):
@@ -95,7 +97,7 @@ def test_other_and_damaged_files(episodes, tmp_path):
     with pytest.raises(FileNotFoundError, match="no such file"):
         read(tmp_path / "none.npz")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
-    with pytest.raises(ValueError, match="no file of demonstrations"):
+    with pytest.raises(ValueError, match="is no recording: it holds x"):
         read(tmp_path / "other.npz")
     path = write_own(tmp_path / "demos.npz", episodes)
     data = path.read_bytes()
@@ -144,6 +146,21 @@ def test_a_replay_buffer_without_states(episodes, tmp_path):
         read(path)
 
 
+def test_a_replay_buffer_of_no_task(episodes, tmp_path):
+    path = write_replay(tmp_path / "pusht.zarr", episodes)
+    zarr = pytest.importorskip("zarr")
+    data = zarr.open_group(path, mode="r+")["data"]
+    data.create_array("state", data=episodes.state[:, :4], overwrite=True)
+    with pytest.raises(ValueError, match=r"which is no task's; .* push-t 5 and 2"):
+        read(path)
+
+
+def test_a_task_without_a_layout_is_not_written(tmp_path):
+    few = read(find_data("arm_ring_demos.npz")).select([0])
+    with pytest.raises(ValueError, match="episodes of arm-ring have no layout of LeRobot"):
+        write_lerobot(tmp_path / "set", few)
+
+
 def test_lerobots_layout_there_and_back(episodes, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     path = write_lerobot(tmp_path / "set", episodes)
@@ -160,6 +177,35 @@ def test_lerobots_layout_there_and_back(episodes, tmp_path):
     assert np.allclose(stats["action"]["max"], episodes.action.max(axis=0), atol=1e-3)
     with pytest.raises(ValueError, match="must be an empty folder"):
         write_lerobot(path, episodes)
+
+
+def test_pandas_finds_a_task_by_its_name_as_lerobot_does(episodes, tmp_path):
+    pytest.importorskip("pyarrow")
+    pandas = pytest.importorskip("pandas")
+    path = write_lerobot(tmp_path / "set", episodes)
+    tasks = pandas.read_parquet(path / "meta" / "tasks.parquet")
+    assert (tasks.index.name, list(tasks.columns)) == ("task", ["task_index"])
+    assert tasks.loc[tasks.index[0], "task_index"] == 0
+    assert tasks.index[0] == episodes.task.lerobot.instruction
+
+
+@pytest.mark.slow
+def test_lerobot_itself_reads_what_we_write(episodes, tmp_path):
+    lerobot()
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    path = write_lerobot(tmp_path / "set", episodes)
+    offsets = [step / 10 for step in range(16)]
+    rows = LeRobotDataset("local/set", root=path, delta_timestamps={"action": offsets})
+    assert (len(rows), rows.fps) == (len(episodes.state), 10)
+    frame = int(episodes.ends[0]) - 4  # four actions are left in this episode
+    row = rows[frame]
+    assert np.allclose(row["action"][:4], episodes.action[frame : frame + 4], atol=1e-3)
+    assert row["action_is_pad"].tolist() == [False] * 4 + [True] * 12
+    assert np.allclose(row["action"][4:], episodes.action[frame + 3], atol=1e-3)
+    assert np.allclose(row["observation.state"], episodes.state[frame, :2], atol=1e-3)
+    assert row["task"] == episodes.task.lerobot.instruction
+    assert np.allclose(rows.meta.stats["action"]["mean"], episodes.action.mean(axis=0), atol=1e-3)
 
 
 def test_one_file_for_each_episode_in_any_order(episodes, tmp_path):
@@ -180,7 +226,7 @@ POSE = "observation.environment_state"
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda t: t.drop_columns([POSE]), f"no column {POSE}; agent and pose"),
+        (lambda t: t.drop_columns([POSE]), f"push-t needs agent and pose of the T in .*{POSE}"),
         (lambda t: t.drop_columns(["action"]), "has no column action"),
         (lambda t: t.slice(3), "frame 3 follows where 0 should"),
     ],
@@ -198,7 +244,7 @@ def test_damaged_parquet(episodes, tmp_path):
     pytest.importorskip("pyarrow")
     path = write_lerobot(tmp_path / "set", episodes)
     (path / "data" / "chunk-000" / "file-000.parquet").write_bytes(b"PAR1 no more")
-    with pytest.raises(ValueError, match="is damaged or not a parquet file"):
+    with pytest.raises(ValueError, match="is damaged or holds a file that is not a parquet file"):
         read(path)
 
 
@@ -217,5 +263,5 @@ def test_a_missing_package_is_named(monkeypatch, tmp_path):
 
     (tmp_path / "x.zarr").mkdir()
     monkeypatch.setattr(importlib, "import_module", missing)
-    with pytest.raises(ModuleNotFoundError, match=r"zarr is not installed.*cotlearn\[formats\]"):
+    with pytest.raises(ModuleNotFoundError, match=r"zarr is not installed.*'\.\[formats\]'"):
         read(tmp_path / "x.zarr")

@@ -2,6 +2,8 @@ import math
 
 import gymnasium
 import numpy as np
+import peers
+import push_t_peer
 import pytest
 from gymnasium.utils import seeding
 from gymnasium.utils.env_checker import check_env
@@ -10,10 +12,10 @@ from hypothesis import strategies as st
 
 import cotlearn.robots  # noqa: F401  (registers the environment)
 from cotlearn.robots.push_t import GOAL, PushTVectorSim, corners, coverage, random_state
+from cotlearn.robots.push_t.constants import AREA, MAX_STEPS, RECTANGLES
 from cotlearn.robots.push_t.environment import PushT
 from cotlearn.robots.push_t.geometry import coverage_of_one
 from cotlearn.robots.push_t.rasteriser import AGENT, BLOCK, CROSS, OUTLINE, draw
-from cotlearn.robots.push_t.task import AREA, MAX_STEPS, RECTANGLES
 
 ID = "cotlearn/PushT-v0"
 poses = st.tuples(
@@ -45,7 +47,6 @@ def by_shapely(pose):
 @given(poses)
 @settings(deadline=None, max_examples=300)
 def test_coverage_is_that_of_shapely(pose):
-    pytest.importorskip("shapely")
     assert coverage(pose) == pytest.approx(by_shapely(pose), abs=1e-9)
     assert coverage_of_one(*pose) == pytest.approx(float(coverage(pose)), abs=1e-12)
 
@@ -229,11 +230,8 @@ def test_other_bad_input():
 
 @pytest.fixture(scope="module")
 def peer():
-    push_t_peer = pytest.importorskip("push_t_peer")
-    try:
-        theirs = push_t_peer.make()
-    except ModuleNotFoundError as error:
-        pytest.skip(f"{error.name} is not installed: pip install --no-deps gym-pusht==0.1.8")
+    peers.peer("gym_pusht")
+    theirs = push_t_peer.make()
     names = theirs.step.__globals__  # of its module, which cannot be imported again
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(names, "pymunk_to_shapely", remembered(names["pymunk_to_shapely"]))
@@ -264,7 +262,14 @@ def test_spaces_and_starts_of_gym_pusht(peer):
         assert ours.reset(seed=seed)[0] == pytest.approx(expected, abs=1e-10)
 
 
-@pytest.mark.parametrize(("kind", "episodes", "steps"), [("random", 200, 50), ("pushing", 20, 300)])
+WHOLE = [("random", 200, 50), ("pushing", 20, 300)]
+SAMPLE = [("random", 15, 50), ("pushing", 3, 300)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "episodes", "steps"),
+    [*SAMPLE, *(pytest.param(*some, marks=pytest.mark.slow) for some in WHOLE)],
+)
 def test_dynamics_of_gym_pusht(peer, kind, episodes, steps):
     """Positions to 1e-3 pixels and coverage to 1e-6, over whole episodes from the same starts.
 

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cotlearn.robots.experts.push_t import PushTExpert, plan, pushes
-from cotlearn.robots.experts.push_t.route import (
+from cotlearn.robots.push_t import GOAL, Simulation, corners, random_state
+from cotlearn.robots.push_t.expert import PushTExpert, plan, pushes
+from cotlearn.robots.push_t.expert.route import (
     CLEAR,
     TURNS,
     Routes,
@@ -14,7 +15,6 @@ from cotlearn.robots.experts.push_t.route import (
     distance,
     step_back,
 )
-from cotlearn.robots.push_t import GOAL, Simulation, corners, random_state
 
 near = st.floats(-150, 200)
 points = st.tuples(near, near).map(np.array)

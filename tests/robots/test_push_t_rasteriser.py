@@ -3,15 +3,11 @@ import math
 import numpy as np
 import pytest
 import torch
-from typer.testing import CliRunner
 
-from cotlearn import cli
-from cotlearn.assets import find_data
-from cotlearn.robots.episodes import read
 from cotlearn.robots.push_t import GOAL, coverage
 from cotlearn.robots.push_t.camera import Camera
+from cotlearn.robots.push_t.constants import AGENT_RADIUS, AREA, SIZE
 from cotlearn.robots.push_t.rasteriser import AGENT, BLOCK, OUTLINE, WHITE, rasterise
-from cotlearn.robots.push_t.task import AGENT_RADIUS, AREA, SIZE
 
 
 def _shares(pictures, *colours):
@@ -67,20 +63,6 @@ def test_a_tenth_of_a_pixel_shows():
         moved = state.copy()
         moved[0, column] += step
         assert (rasterise(moved, size=48) != rasterise(state, size=48)).sum() >= 10
-
-
-def test_demonstrations_as_pictures(tmp_path):
-    out = tmp_path / "p.npz"
-    arguments = ["demos", "push-t-pixels", "--episodes", "2", "--size", "24", "--out", str(out)]
-    said = CliRunner().invoke(cli.app, arguments)
-    assert said.exit_code == 0, said.output
-    assert "24 x 24, 2 episodes" in said.output.replace("\n", " ")
-    stored = np.load(out, allow_pickle=False)
-    demos = read(find_data("push_t_demos.npz")).select([0, 1])
-    assert np.array_equal(stored["pixels"], rasterise(demos.state, size=24).numpy())
-    assert np.array_equal(stored["episode_ends"], demos.ends)
-    assert np.allclose(stored["agent_pos"], demos.state[:, :2])
-    assert np.allclose(stored["action"], demos.action)
 
 
 # --- the camera ------------------------------------------------------------------------------

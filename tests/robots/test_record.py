@@ -2,19 +2,21 @@ import gc
 import hashlib
 import json
 import re
+import signal
 import warnings
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cotlearn import assets, cli
+from cotlearn import cli
+from cotlearn.course import assets
 from cotlearn.robots.episodes import read
+from cotlearn.robots.episodes import record as recording
 from cotlearn.robots.episodes.npz import read_arrays, write_arrays
-from cotlearn.robots.experts import record as recording
 from cotlearn.robots.push_t import Simulation, random_state
+from cotlearn.robots.push_t.constants import SUCCESS
 from cotlearn.robots.push_t.definition import PUSH_T
-from cotlearn.robots.push_t.task import SUCCESS
 from cotlearn.robots.registry import TASKS
 from cotlearn.robots.task import Demonstration
 
@@ -94,6 +96,26 @@ def test_an_interrupted_recording_ends_in_the_same_bytes(quick, tmp_path, monkey
     assert (tmp_path / "broken.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
 
 
+def test_a_ctrl_c_that_a_destructor_swallows_still_stops(quick, tmp_path, monkeypatch):
+    """As pymunk's do; before, the recording ran on."""
+    original = Quick.episode
+
+    class Swallowing:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+
+    def interrupted(self, seed):
+        if Quick.calls == 2:
+            Swallowing()
+        return original(self, seed)
+
+    monkeypatch.setattr(Quick, "episode", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        make(tmp_path / "made.npz")
+    assert quick.calls <= 4  # the episode is finished, with its second try
+    assert not (tmp_path / "made.npz").exists()
+
+
 def test_a_damaged_part_is_made_anew_and_another_recording_refused(quick, tmp_path, monkeypatch):
     make(tmp_path / "whole.npz")
     with monkeypatch.context() as patch:
@@ -124,6 +146,12 @@ def test_a_finished_recording_is_kept(quick, tmp_path):
         make(tmp_path / "c.npz", episodes=0)
     with pytest.raises(TypeError, match="seed must be an integer"):
         make(tmp_path / "c.npz", seed=1.5)
+
+
+def test_a_unit_that_is_too_small_for_16_bits_is_refused(quick, tmp_path, monkeypatch):
+    monkeypatch.setitem(vars(PUSH_T), "state_units", (1 / 1024,) * 4 + PUSH_T.state_units[4:])
+    with pytest.raises(ValueError, match=r"agent x reaches \d{6} units of 0.000976562, but a file"):
+        make(tmp_path / "a.npz")
 
 
 def test_the_command(quick, tmp_path, monkeypatch):
@@ -184,7 +212,7 @@ def change(path, **changes):
 # --- what the course ships --------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [task.demonstrations for task in TASKS.values()])
+@pytest.mark.parametrize("name", [t.demonstrations for t in TASKS.values() if t.demonstrations])
 def test_a_shipped_file_is_the_one_that_data_describes(name):
     path = assets.find_data(name)
     assert path.stat().st_size <= 8e6

@@ -5,8 +5,8 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
 from cotlearn.flows.diffusion import predict, regression_loss
-from cotlearn.flows.matching import Velocity, interpolate, squared_error
-from cotlearn.validation import check_inputs
+from cotlearn.flows.matching import Velocity, evaluate, interpolate, squared_error
+from cotlearn.validation import check_inputs, check_shape
 
 LATE = 0.9  #: the time of the second pass
 
@@ -30,4 +30,5 @@ class TwoPasses:
         """Samples (B, d) by two evaluations; of x0 only the shape is used."""
         c = check_inputs(network, x0, c, "x0")
         t = x0.new_full((len(x0),), LATE)
-        return network(t, LATE * predict(network, x0, c), c)
+        first = check_shape(predict(network, x0, c), "network", x0.shape, "return").to(x0)
+        return evaluate(network, t, LATE * first, c, name="network")

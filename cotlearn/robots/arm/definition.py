@@ -4,10 +4,10 @@ import functools
 
 import numpy as np
 
+from cotlearn.robots.arm.constants import FAR, HIGH, LOW, MAX_STEPS, MODES, UNIT, columns
+from cotlearn.robots.arm.expert import ArmExpert
 from cotlearn.robots.arm.frames import GoalFrame
 from cotlearn.robots.arm.simulation import ArmVectorSim
-from cotlearn.robots.arm.task import FAR, HIGH, LOW, MAX_STEPS, MODES, UNIT, columns
-from cotlearn.robots.experts.arm import ArmExpert
 from cotlearn.robots.task import Frame, Task
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
-from cotlearn.robots.arm.task import GOAL, pillars
+from cotlearn.robots.arm.constants import GOAL, pillars
 from cotlearn.robots.task import Array
 
 Image = NDArray[np.uint8]
@@ -54,7 +54,7 @@ def draw_arm(ax: Any, points: Array, state: Array, *, view: str = "front", zoom:
     Args:
         ax: 3D axes.
         points: (10, 3), base, seven joints, flange and tip, as `skeleton` returns them.
-        state: (columns,), see `task.columns`.
+        state: (columns,), see `constants.columns`.
         view: a key of `VIEWS`.
         zoom: magnification; 1 leaves room for the labels of the axes.
     """

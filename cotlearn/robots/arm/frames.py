@@ -4,7 +4,7 @@ import functools
 
 import numpy as np
 
-from cotlearn.robots.arm import task
+from cotlearn.robots.arm import constants
 from cotlearn.robots.plane import rotate
 from cotlearn.robots.task import Array, Frame
 
@@ -30,13 +30,13 @@ class GoalFrame(Frame):
     """
 
     def __init__(self, kind: str) -> None:
-        super().__init__(features=len(task.columns(kind)))
+        super().__init__(features=len(constants.columns(kind)))
 
     def observe(self, history: Array) -> Array:
         """Transform states (B, T, columns) to the frame of the last state, (B, T, columns)."""
         origin, cos, sin = _frame(history)
         seen = history.copy()
-        for first in (0, 3, *range(task.FIRST_PILLAR, history.shape[-1], 4)):
+        for first in (0, 3, *range(constants.FIRST_PILLAR, history.shape[-1], 4)):
             place = slice(first, first + 2)
             seen[..., place] = rotate(history[..., place] - origin[..., :2], cos, -sin)
         return seen
@@ -58,9 +58,9 @@ def _frame(history: Array) -> tuple[Array, Array, Array]:
     """Origin (B, 1, 3), and cosine and sine (B, 1) of the direction of the x axis."""
     norm = functools.partial(np.linalg.norm, axis=-1, keepdims=True)
     last = history[:, -1:]
-    goal = last[..., task.GOAL][..., :2]
-    past = goal - task.pillars(last)[..., :2].mean(axis=-2)
+    goal = last[..., constants.GOAL][..., :2]
+    past = goal - constants.pillars(last)[..., :2].mean(axis=-2)
     along = goal - last[..., :2] + _NEAR * past / norm(past)
     along = np.where(norm(along) < 1e-6, past, along)  # they cancel out
     cos, sin = np.moveaxis(along / norm(along), -1, 0)
-    return last[..., task.TIP], cos, sin
+    return last[..., constants.TIP], cos, sin

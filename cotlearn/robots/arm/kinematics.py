@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cotlearn.robots.arm.task import HIGH, LOW, TOOL
+from cotlearn.robots.arm.constants import HIGH, LOW, TOOL
 from cotlearn.robots.task import Array
 from cotlearn.validation import check_array
 

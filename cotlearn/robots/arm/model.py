@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from cotlearn.robots.arm.task import GOAL, pillars
+from cotlearn.extras import how_to_install
+from cotlearn.robots.arm.constants import GOAL, pillars
 from cotlearn.robots.task import Array
 
 _MJCF = Path(__file__).with_name("arm.xml").read_text(encoding="utf-8")
@@ -24,7 +25,7 @@ def mujoco() -> Any:
     try:
         return importlib.import_module("mujoco")
     except ModuleNotFoundError as error:
-        hint = "the arm needs MuJoCo; install it with: pip install 'cotlearn[course]'"
+        hint = f"the arm needs MuJoCo; install it with: {how_to_install('course')}"
         raise ModuleNotFoundError(hint, name=error.name) from error
     except (ImportError, AttributeError, RuntimeError):
         # MUJOCO_GL names a missing OpenGL backend, which some versions import immediately

@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cotlearn.robots.arm.task import GOAL, ROWS, TIP, pillars
+from cotlearn.robots.arm.constants import GOAL, ROWS, TIP, pillars
 from cotlearn.robots.task import Array
 
 
 def mode_of_path(paths: Array, kind: str) -> NDArray[np.int64]:
-    """The mode of each path, an index of `task.MODES[kind]`: how the tip passes the pillars.
+    """The mode of each path, an index of `constants.MODES[kind]`: how the tip passes the pillars.
 
     The mode is read where the path crosses the plane of a row of pillars for the last time; it is
     -1 if the path does not cross a plane or turns back. In "ring" the plane goes through the

@@ -4,14 +4,19 @@ Backends are tried in the order EGL, OSMesa, matplotlib (macOS: CGL, matplotlib;
 matplotlib). The environment variable MUJOCO_GL selects one; "disable" means matplotlib. A driver
 can crash the process, and a process can use only one backend, so each is tried once in a separate
 process.
+
+A thread may render what another one has opened. GLFW has windows, which it makes and destroys one
+at a time, and outside Linux on the main thread alone.
 """
 
+import contextlib
 import functools
 import importlib
 import os
 import platform
 import subprocess
 import sys
+import threading
 from typing import Any
 
 import numpy as np
@@ -25,6 +30,8 @@ BACKENDS = {"Linux": ("egl", "osmesa"), "Darwin": ("cgl",), "Windows": ("glfw",)
 DRAWN = "matplotlib"
 _TRIAL = "import mujoco as m; m.Renderer(m.MjModel.from_xml_string('<mujoco/>'))"
 _SECONDS = 60  #: time limit of a trial
+_WINDOWS = threading.RLock()  #: held while a window is made or destroyed
+_kept: list[Any] = []  #: windows that were closed off the main thread, to be destroyed on it
 
 
 def backend() -> str:
@@ -55,25 +62,38 @@ class Painter:
     Args:
         model: an `MjModel` of the arm; a rendered model may differ from it only in its pillars.
         size: width and height of the images in pixels.
-        camera: a camera of the model: "front", "above" or "wrist".
+        camera: a camera of the model: "front" or "above".
 
     Raises:
-        RuntimeError: camera is "wrist", but OpenGL does not work; matplotlib does not draw it.
+        RuntimeError: GLFW is used on a thread that cannot open a window.
     """
 
     def __init__(self, model: Any, size: tuple[int, int], camera: str) -> None:
         self.how = backend()
         self._model, self._size, self._camera = model, size, camera
         self._context: Any = None
+        self._one_at_a_time = threading.Lock()
         self._picture: Any = None
-        if self.how != DRAWN:
+        if self.how == DRAWN:
+            return
+        if not self._has_windows():
+            raise RuntimeError(
+                "GLFW opens its windows on the main thread alone, and this is another: render one "
+                "image there first, or set MUJOCO_GL=disable to draw by matplotlib"
+            )
+        with _WINDOWS:
+            while _kept:
+                _kept.pop().free()
             try:
                 self._open()
             except (ImportError, RuntimeError, AttributeError):
                 self.close()  # this process already uses another OpenGL backend
                 self.how = DRAWN
-        if self.how == DRAWN and camera == "wrist":
-            raise RuntimeError("camera 'wrist' needs OpenGL, which does not work here")
+
+    def _has_windows(self) -> bool:
+        """Tells whether this thread can make and destroy what the backend renders into."""
+        main = threading.current_thread() is threading.main_thread()
+        return self.how != "glfw" or main or platform.system() == "Linux"
 
     def _open(self) -> None:
         # not mujoco.Renderer, whose backend is fixed when mujoco is imported
@@ -88,6 +108,7 @@ class Painter:
         self._view, self._options = engine.MjvCamera(), engine.MjvOption()
         self._view.type = engine.mjtCamera.mjCAMERA_FIXED
         self._view.fixedcamid = self._model.camera(self._camera).id
+        self._release()
 
     def paint(self, model: Any, data: Any, state: Array) -> NDArray[np.uint8]:
         """Render an `MjModel` with its `MjData` in `state` (columns,): (height, width, 3) uint8."""
@@ -95,8 +116,15 @@ class Painter:
             from cotlearn.robots.arm.drawing import draw_picture  # late: it loads matplotlib
 
             return draw_picture(skeleton(data.qpos[None])[0], state, self._size, self._camera)
+        with self._one_at_a_time:
+            self._context.make_current()
+            try:
+                return self._rendered(model, data)
+            finally:
+                self._release()
+
+    def _rendered(self, model: Any, data: Any) -> NDArray[np.uint8]:
         engine, (width, height) = mujoco(), self._size
-        self._context.make_current()
         category = engine.mjtCatBit.mjCAT_ALL.value
         engine.mjv_updateScene(model, data, self._options, None, self._view, category, self._scene)
         area = engine.MjrRect(0, 0, width, height)
@@ -105,9 +133,28 @@ class Painter:
         engine.mjr_readPixels(image, None, area, self._picture)
         return np.ascontiguousarray(image[::-1])
 
+    def _release(self) -> None:
+        """Lets the context go: another thread can then make it its own, and EGL allows no two."""
+        if self.how == "egl":
+            EGL = importlib.import_module("OpenGL.EGL")
+            display = importlib.import_module("mujoco.egl").EGL_DISPLAY
+            nothing = EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT
+            EGL.eglMakeCurrent(display, *nothing)
+        elif self.how == "glfw":
+            importlib.import_module("glfw").make_context_current(None)
+
     def close(self) -> None:
         """Frees the resources of the graphics library; may be called twice."""
-        for part in (self._picture, self._context):
-            if part is not None:
-                part.free()
-        self._picture = self._context = None
+        with _WINDOWS:
+            if self._context is not None:
+                with contextlib.suppress(Exception):  # one that could not be opened
+                    self._context.make_current()
+            if self._picture is not None:
+                self._picture.free()
+            if self._context is not None:
+                if self._has_windows():
+                    self._context.free()
+                else:
+                    self._release()
+                    _kept.append(self._context)
+            self._picture = self._context = None

@@ -9,9 +9,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cotlearn.robots.push_t.definition import PUSH_T
+from cotlearn.extras import how_to_install
 from cotlearn.robots.task import Array, Task
-from cotlearn.validation import check_count, check_has, check_real
+from cotlearn.validation import check_count, check_has, check_real, check_seed
 
 Index = NDArray[np.int64]
 
@@ -24,11 +24,11 @@ class Episodes:
         state: (N, columns), states.
         action: (N, columns), actions.
         ends: (E,), exclusive end of each episode.
+        task: the demonstrated task.
         name: where the episodes come from.
         intention: (N, columns), the demonstrator's actions before noise; None if unknown.
         seed: (E,), seeds of the starts, as in `env.reset(seed=...)`; None if unknown.
         mode: (E,), the modes that the demonstrator chose, 0, 1, ...; None if unknown.
-        task: the demonstrated task.
 
     Raises:
         TypeError: an array does not hold real numbers, or `ends` does not hold integers.
@@ -38,11 +38,11 @@ class Episodes:
     state: Array
     action: Array
     ends: Index
+    task: Task
     name: str = "episodes"
     intention: Array | None = None
     seed: Index | None = None
     mode: Index | None = None
-    task: Task = PUSH_T
 
     def __post_init__(self) -> None:
         check_has(self.task, "task", "a task, as find_task returns it", "state_limits")
@@ -79,10 +79,15 @@ class Episodes:
         lengths = self.lengths[chosen]
         ends = np.cumsum(lengths)
         rows = np.repeat(self.starts[chosen] - (ends - lengths), lengths) + np.arange(lengths.sum())
-        index_of = {"intention": rows, "seed": chosen, "mode": chosen}
-        known = {name: at for name, at in index_of.items() if getattr(self, name) is not None}
-        some = {name: getattr(self, name)[at] for name, at in known.items()}
-        return replace(self, state=self.state[rows], action=self.action[rows], ends=ends, **some)
+        return replace(
+            self,
+            state=self.state[rows],
+            action=self.action[rows],
+            ends=ends,
+            intention=None if self.intention is None else self.intention[rows],
+            seed=None if self.seed is None else self.seed[chosen],
+            mode=None if self.mode is None else self.mode[chosen],
+        )
 
     def _set(self, name: str, kinds: str, shape: tuple[int, ...]) -> NDArray[Any]:
         """Convert a field to float64 or int64 if its type and shape are right."""
@@ -130,7 +135,7 @@ def split(
     """
     check_has(episodes, "episodes", "Episodes", "select")
     check_count(held_out, "held_out")
-    check_count(seed, "seed", minimum=0)
+    check_seed(seed)
     rest = len(episodes) - held_out
     if rest < 1:
         raise ValueError(f"held_out must be below the {len(episodes)} episodes, got {held_out}")
@@ -170,5 +175,5 @@ def need(module: str) -> ModuleType:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
         name = module.partition(".")[0]
-        hint = f"{name} is not installed; install it with: pip install 'cotlearn[formats]'"
+        hint = f"{name} is not installed; install it with: {how_to_install('formats')}"
         raise ModuleNotFoundError(hint) from error

@@ -1,4 +1,4 @@
-"""LeRobot's layout of Push-T: parquet tables with one row per frame, and JSON metadata."""
+"""LeRobot's layout: parquet tables with one row per frame, and JSON metadata."""
 
 import json
 from pathlib import Path
@@ -7,26 +7,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cotlearn.files import atomic_path, write_text
+from cotlearn.files import atomic_path, reading, write_text
 from cotlearn.robots.episodes.checked import Episodes, need
-from cotlearn.robots.plane import rotate
-from cotlearn.robots.push_t.geometry import corners, coverage
-from cotlearn.robots.push_t.task import CONTROL_SECONDS, KEYPOINTS, SUCCESS
-from cotlearn.robots.task import Array
+from cotlearn.robots.layout import (
+    ACTION,
+    ENVIRONMENT_STATE,
+    EPISODE,
+    FRAME,
+    STATE,
+    Columns,
+    LeRobotLayout,
+)
+from cotlearn.robots.registry import TASKS
+from cotlearn.robots.task import Task
 
-AGENT, BLOCK, ACTION = "observation.state", "observation.environment_state", "action"
-STATES = (AGENT, BLOCK)
-EPISODE, FRAME = "episode_index", "frame_index"
-TASK = "Push the T-shaped block onto the T-shaped target."
-RIGID = 2.0  #: largest distance of key points from a rigid T, pixels
+OBSERVATIONS = (STATE, ENVIRONMENT_STATE)
 _PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _FIRST = "chunk-000/file-000.parquet"
 
 
 def read_lerobot(path: str | Path) -> Episodes:
-    """Reads a LeRobot data set of Push-T with key points, such as lerobot/pusht_keypoints.
+    """Reads a LeRobot data set of a task that has a layout, such as lerobot/pusht_keypoints.
 
-    The pose of the T is computed from its key points, so image-only data sets cannot be read.
+    The pose of Push-T's T is computed from its key points, so image-only data sets cannot be read.
 
     Args:
         path: the folder that holds data/ and meta/.
@@ -37,18 +40,32 @@ def read_lerobot(path: str | Path) -> Episodes:
     """
     path = Path(path)
     columns, ends = read_frames(path)
-    for name, width in ((AGENT, 2), (BLOCK, 2 * len(KEYPOINTS))):
-        if name not in columns or columns[name].shape[1] != width:
-            needed = f"agent and pose of the T are needed, here {width} numbers a frame"
-            raise ValueError(f"{path} has no column {name}; {needed}")
-    pose, miss = pose_of(columns[BLOCK].reshape(-1, len(KEYPOINTS), 2))
-    if not (miss <= RIGID).all():
-        row = int(np.flatnonzero(~(miss <= RIGID))[0])
-        raise ValueError(
-            f"{path}: the key points of frame {columns[FRAME][row]} of episode "
-            f"{columns[EPISODE][row]} are no T of this size: they miss it by {miss[row]:.3g} pixels"
-        )
-    return Episodes(np.hstack([columns[AGENT], pose]), columns[ACTION], ends, name=path.name)
+    task, layout = _task_of(path, columns)
+    try:
+        state = layout.states(columns)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return Episodes(state, columns[ACTION], ends, task, name=path.name)
+
+
+def _task_of(path: Path, columns: Columns) -> tuple[Task, LeRobotLayout]:
+    """The task whose layout has these columns."""
+    widths = {name: columns[name].shape[1] for name in OBSERVATIONS if name in columns}
+    wanted = []
+    for task in TASKS.values():
+        layout = task.lerobot
+        if layout is None:
+            continue
+        if layout.widths == widths:
+            return task, layout
+        wanted.append(f"{task.name} needs {layout.content} in {dict(layout.widths)}")
+    raise ValueError(f"{path} has observations of the widths {widths}; {'; '.join(wanted)}")
+
+
+def tables(path: Path) -> list[str]:
+    """The parquet files of a data set, but for hidden ones, such as macOS's `._file.parquet`."""
+    found = sorted(path.glob("data/**/*.parquet"))
+    return [str(file) for file in found if not file.name.startswith(".")]
 
 
 def read_frames(path: str | Path) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
@@ -58,28 +75,30 @@ def read_frames(path: str | Path) -> tuple[dict[str, NDArray[Any]], NDArray[np.i
     episodes, for each episode or for several.
 
     Returns:
-        Columns, sorted by episode and frame: action and the existing columns of `STATES`
-        (N, width), and the episode and frame indices (N,). Then the exclusive ends (E,) of the
-        episodes.
+        Columns, sorted by episode and frame: action and the existing columns of
+        `OBSERVATIONS` (N, width), and the episode and frame indices (N,). Then the exclusive ends
+        (E,) of the episodes.
 
     Raises:
         ModuleNotFoundError: pyarrow is not installed.
         ValueError: a file is damaged, or a column is missing or does not fit.
     """
-    files = [str(file) for file in sorted(Path(path).glob("data/**/*.parquet"))]
+    files = tables(Path(path))
     if not files:
         raise ValueError(f"{path} holds no data/**/*.parquet: it is no LeRobot data set")
-    pyarrow, parquet = need("pyarrow"), need("pyarrow.parquet")
-    try:
+    parquet = need("pyarrow.parquet")
+    with reading(path, "holds a file that is not a parquet file"):
         frames = parquet.ParquetDataset(files)
         names = frames.schema.names
-        lists = [*([name for name in STATES if name in names] or [AGENT]), ACTION]
-        if missing := [name for name in (*lists, EPISODE, FRAME) if name not in names]:
-            raise ValueError(f"{path} has no column {', '.join(missing)}; it has {names}")
+    lists = [*([name for name in OBSERVATIONS if name in names] or [STATE]), ACTION]
+    if missing := [name for name in (*lists, EPISODE, FRAME) if name not in names]:
+        raise ValueError(f"{path} has no column {', '.join(missing)}; it has {names}")
+    with reading(path, "holds a file that is not a parquet file"):
         table = frames.read(columns=[*lists, EPISODE, FRAME])
-    except (pyarrow.ArrowException, OSError) as error:
-        raise ValueError(f"{path}: a file is damaged or not a parquet file: {error}") from error
     columns = {name: table[name].to_numpy() for name in (EPISODE, FRAME)}
+    for name, values in columns.items():
+        if values.dtype.kind not in "iu":  # with gaps, numbers become floating point
+            raise ValueError(f"{path}: {name} must hold an integer in each frame")
     for name in lists:
         try:
             values = np.array(table[name].to_pylist(), dtype=np.float64)
@@ -101,44 +120,31 @@ def read_frames(path: str | Path) -> tuple[dict[str, NDArray[Any]], NDArray[np.i
     return columns, ends
 
 
-def pose_of(points: Array) -> tuple[Array, Array]:
-    """Fit poses (n, 3) of the T to key points (n, 8, 2); also return the largest misses (n,).
-
-    This is least squares over rotations and translations (Kabsch in the plane).
-    """
-    own = np.array(KEYPOINTS)
-    middle, own_middle = points.mean(axis=1), own.mean(axis=0)
-    there, here = points - middle[:, None], own - own_middle
-    along = (there * here).sum(axis=(1, 2))
-    across = (here[:, 0] * there[..., 1] - here[:, 1] * there[..., 0]).sum(axis=1)
-    angle = np.arctan2(across, along)
-    pose = np.column_stack([middle - rotate(own_middle, np.cos(angle), np.sin(angle)), angle])
-    miss = np.linalg.norm(corners(pose, points=KEYPOINTS) - points, axis=2).max(axis=1)
-    return pose, miss
-
-
 def write_lerobot(path: str | Path, episodes: Episodes) -> Path:
-    """Writes episodes in LeRobot's layout (version 3.0) with key points as observations.
+    """Writes episodes in LeRobot's layout (version 3.0) with the columns of the task's layout.
 
     Args:
         path: a folder that does not exist or is empty.
-        episodes: episodes of Push-T.
+        episodes: episodes of a task that has a layout, as Push-T.
 
     Returns:
         The folder.
 
     Raises:
         ModuleNotFoundError: pyarrow is not installed.
-        ValueError: the folder is not empty.
+        ValueError: the folder is not empty, or the task has no layout.
     """
     path = Path(path)
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise ValueError(f"path must be an empty folder, but {path} holds something")
-    columns = _columns(episodes)
+    layout = episodes.task.lerobot
+    if layout is None:
+        raise ValueError(f"episodes of {episodes.task.name} have no layout of LeRobot")
+    columns = _columns(episodes, layout)
     _write_table(path / "data" / _FIRST, columns)
     metadata: dict[str, Any] = {
         "episode_index": np.arange(len(episodes)),
-        "tasks": [[TASK]] * len(episodes),
+        "tasks": [[layout.instruction]] * len(episodes),
         "length": episodes.lengths,
         "dataset_from_index": episodes.starts,
         "dataset_to_index": episodes.ends,
@@ -151,45 +157,50 @@ def write_lerobot(path: str | Path, episodes: Episodes) -> Path:
         each = [_statistics(values[first:last]) for first, last in bounds]
         metadata |= {f"stats/{name}/{key}": [stats[key] for stats in each] for key in each[0]}
     _write_table(path / "meta" / "episodes" / _FIRST, metadata)
-    _write_table(path / "meta" / "tasks.parquet", {"task_index": [0], "task": [TASK]}, index="task")
+    _write_table(
+        path / "meta" / "tasks.parquet",
+        {"task_index": [0], "task": [layout.instruction]},
+        index="task",
+    )
     stats = {name: _statistics(values) for name, values in columns.items()}
-    for file, value in (("stats.json", stats), ("info.json", _info(episodes, columns))):
+    for file, value in (("stats.json", stats), ("info.json", _info(episodes, columns, layout))):
         write_text(path / "meta" / file, json.dumps(value, indent=1) + "\n")
     return path
 
 
-def _columns(episodes: Episodes) -> dict[str, NDArray[Any]]:
+def _columns(episodes: Episodes, layout: LeRobotLayout) -> dict[str, NDArray[Any]]:
     """The table of the frames."""
     frame = np.arange(len(episodes.state)) - np.repeat(episodes.starts, episodes.lengths)
-    points = corners(episodes.state[:, 2:], points=KEYPOINTS).reshape(len(frame), -1)
-    covered = coverage(episodes.state[:, 2:])
+    seen = layout.observations(episodes.state)
+    reward = layout.rewards(episodes.state)
     last = np.isin(np.arange(len(frame)), episodes.ends - 1)
-    after = np.where(last, covered, np.roll(covered, -1))  # of the state that follows, if any
+    after = np.where(last, reward, np.roll(reward, -1))  # of the state that follows, if any
     return {
-        AGENT: episodes.state[:, :2].astype(np.float32),
-        BLOCK: points.astype(np.float32),
+        **{name: values.astype(np.float32) for name, values in seen.items()},
         ACTION: episodes.action.astype(np.float32),
-        "next.reward": np.clip(after / SUCCESS, 0, 1).astype(np.float32),
+        "next.reward": after.astype(np.float32),
         "next.done": last,
         EPISODE: np.repeat(np.arange(len(episodes)), episodes.lengths),
         FRAME: frame,
-        "timestamp": (frame * CONTROL_SECONDS).astype(np.float32),
+        "timestamp": (frame * layout.control_seconds).astype(np.float32),
         "index": np.arange(len(frame)),
         "task_index": np.zeros(len(frame), dtype=np.int64),
     }
 
 
-def _info(episodes: Episodes, columns: dict[str, NDArray[Any]]) -> dict[str, Any]:
+def _info(
+    episodes: Episodes, columns: dict[str, NDArray[Any]], layout: LeRobotLayout
+) -> dict[str, Any]:
     return {
         "codebase_version": "v3.0",
-        "robot_type": "2d pointer",
+        "robot_type": layout.robot,
         "total_episodes": len(episodes),
         "total_frames": len(episodes.state),
         "total_tasks": 1,
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 500,
-        "fps": round(1 / CONTROL_SECONDS),
+        "fps": round(1 / layout.control_seconds),
         "splits": {"train": f"0:{len(episodes)}"},
         "data_path": f"data/{_PATH}",
         "video_path": None,
@@ -214,8 +225,26 @@ def _write_table(file: Path, columns: dict[str, Any], index: str | None = None) 
             flat = pyarrow.array(values.reshape(-1))
             stored[name] = pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
     table = pyarrow.table(stored)
-    if index is not None:  # what pandas needs to know to make that column its index
-        pandas = {"index_columns": [index], "column_indexes": [], "columns": []}
-        table = table.replace_schema_metadata({"pandas": json.dumps(pandas)})
+    if index is not None:
+        table = table.replace_schema_metadata({"pandas": _for_pandas(table.schema, index)})
     with atomic_path(file) as temporary:
         parquet.write_table(table, temporary)
+
+
+def _for_pandas(schema: Any, index: str) -> str:
+    """What pandas must know of each column to make one of them its index, as JSON.
+
+    LeRobot finds a task by this index. The keys are those of pandas' developer guide, "Storing
+    pandas DataFrame objects in Apache Parquet format".
+    """
+    columns = [
+        {
+            "name": field.name,
+            "field_name": field.name,
+            "pandas_type": "int64" if field.type == "int64" else "unicode",
+            "numpy_type": "int64" if field.type == "int64" else "object",
+            "metadata": None,
+        }
+        for field in schema
+    ]
+    return json.dumps({"index_columns": [index], "column_indexes": [], "columns": columns})

@@ -11,24 +11,23 @@
 
 import hashlib
 import json
-import zipfile
-import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cotlearn.files import atomic_path
+from cotlearn.files import atomic_path, reading
 from cotlearn.robots.episodes.checked import Episodes
 from cotlearn.robots.registry import TASKS
 
 Arrays = dict[str, NDArray[Any]]
-_NO_ZIP = (OSError, MemoryError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
+WANTED = {"state", "action", "intention", "episode_ends", "seed"}
 
 
 def read_npz(path: str | Path) -> Episodes:
-    """Reads demonstrations that `cotlearn.robots.experts.record` wrote.
+    """Reads demonstrations that `cotlearn.robots.episodes.record.record` wrote.
 
     Raises:
         ValueError: the file is missing or damaged, or has another format or an unknown task.
@@ -37,15 +36,17 @@ def read_npz(path: str | Path) -> Episodes:
     task = TASKS.get(str(about.get("task")).lower())
     if task is None:
         raise ValueError(f"{path} holds demonstrations of an unknown task, {about.get('task')!r}")
+    if not arrays.keys() >= WANTED:
+        raise ValueError(_no_recording(path, arrays))
     return Episodes(
         state=arrays["state"] * np.array(task.state_units),
         action=arrays["action"] * np.array(task.action_units),
         ends=arrays["episode_ends"],
+        task=task,
         name=Path(path).name,
         intention=arrays["intention"] * np.array(task.action_units),
         seed=arrays["seed"],
         mode=arrays.get("mode"),
-        task=task,
     )
 
 
@@ -58,17 +59,26 @@ def write_arrays(path: str | Path, arrays: Arrays, about: dict[str, Any]) -> Non
 
 def read_arrays(path: str | Path) -> tuple[Arrays, dict[str, Any]]:
     """Reads and checks the arrays and the metadata that `write_arrays` wrote."""
-    try:
+    with reading(path, "no file of demonstrations"):
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files if name != "about"}
-            record = json.loads(str(file["about"]))
-        about, digest = dict(record["about"]), record["sha256"]
-    except (ValueError, TypeError, KeyError, *_NO_ZIP) as error:
-        why = str(error).partition(" If you trust")[0]  # NumPy's advice to load it unsafely
-        raise ValueError(f"{path} is damaged or no file of demonstrations: {why}") from error
+            held = file.files
+            arrays = {name: file[name] for name in held if name != "about"}
+            record = json.loads(str(file["about"])) if "about" in held else None
+        about, digest = (dict(record["about"]), record["sha256"]) if record else ({}, "")
+    if record is None:
+        raise ValueError(_no_recording(path, held))
     if digest != _digest(arrays):
         raise ValueError(f"{path} is damaged: its arrays do not match their SHA-256")
     return arrays, about
+
+
+def _no_recording(path: str | Path, held: Iterable[str]) -> str:
+    """Says what a file holds, and which files are wanted."""
+    return (
+        f"{path} is no recording: it holds {', '.join(sorted(held)) or 'nothing'}. Wanted is an "
+        ".npz that `cotlearn demos` wrote, or Push-T as a .zarr or a LeRobot folder; of an .npz "
+        "with x1 and c, `cotlearn report` makes a page"
+    )
 
 
 def _digest(arrays: Arrays) -> str:

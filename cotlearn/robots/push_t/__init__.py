@@ -4,8 +4,19 @@ The task is that of Implicit Behavioral Cloning and Diffusion Policy, as defined
 It is implemented anew on pymunk 7, which is imported when the first simulation is created.
 """
 
+from cotlearn.robots.push_t.constants import GOAL
+from cotlearn.robots.push_t.definition import PUSH_T
+from cotlearn.robots.push_t.expert import PushTExpert
 from cotlearn.robots.push_t.geometry import corners, coverage
 from cotlearn.robots.push_t.simulation import PushTVectorSim, Simulation, random_state
-from cotlearn.robots.push_t.task import GOAL
 
-__all__ = ["GOAL", "PushTVectorSim", "Simulation", "corners", "coverage", "random_state"]
+__all__ = [
+    "GOAL",
+    "PUSH_T",
+    "PushTExpert",
+    "PushTVectorSim",
+    "Simulation",
+    "corners",
+    "coverage",
+    "random_state",
+]

@@ -7,8 +7,10 @@ import torch
 from torch import Tensor
 
 from cotlearn.robots.push_t.rasteriser import rasterise
+from cotlearn.validation import check_array, check_count
 
 SCENE = 6  #: columns of a scene at one step: agent x, y; T x, y, cosine and sine of its angle
+LARGEST = 1024  #: width of an image in pixels; a policy's file could name any
 AGENT, PLACE, TURN = slice(0, 2), slice(2, 4), slice(4, 6)
 
 
@@ -22,16 +24,25 @@ class Camera:
     the pose of the T.
 
     Attributes:
-        size: width and height of an image in pixels.
+        size: width and height of an image in pixels, at most 1,024.
         observe: steps of a scene.
         low: (6,), the values of a step's columns that are scaled to -1.
         high: (6,), the values that are scaled to 1.
+
+    Raises:
+        ValueError: a number is out of range, or low or high has another shape.
     """
 
     size: int
     observe: int
     low: Sequence[float]
     high: Sequence[float]
+
+    def __post_init__(self) -> None:
+        check_count(self.size, "size", most=LARGEST)
+        check_count(self.observe, "observe")
+        for name in ("low", "high"):
+            check_array(getattr(self, name), name, (SCENE,))
 
     @property
     def pixels(self) -> int:

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from cotlearn.robots.experts.push_t import PushTExpert
+from cotlearn.robots.push_t.constants import MAX_STEPS, PIXEL, SIZE, SUCCESS, TURN
+from cotlearn.robots.push_t.expert import PushTExpert
 from cotlearn.robots.push_t.frames import AgentFrame, BodyFrame, WorldFrame
+from cotlearn.robots.push_t.lerobot import LEROBOT
 from cotlearn.robots.push_t.simulation import PushTVectorSim
-from cotlearn.robots.push_t.task import MAX_STEPS, PIXEL, SIZE, SUCCESS, TURN
 from cotlearn.robots.task import Task
 
 _TURNS = 1e4  #: largest angle in a state, which may exceed one turn
@@ -37,4 +38,5 @@ PUSH_T = Task(
     state_units=(PIXEL,) * 4 + (TURN,),
     action_units=(PIXEL,) * 2,
     packages=("numpy", "pymunk"),
+    lerobot=LEROBOT,
 )

@@ -9,23 +9,28 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from cotlearn.robots.push_t import task
+from cotlearn.robots.push_t import constants
 from cotlearn.robots.push_t.geometry import corners
 from cotlearn.robots.push_t.rasteriser import draw
 from cotlearn.robots.push_t.simulation import Simulation, random_state
-from cotlearn.robots.task import check_numbers, chosen_start
-from cotlearn.validation import check_choice, check_count
+from cotlearn.robots.task import check_numbers, check_started, chosen_start
+from cotlearn.validation import check_choice, check_seed
 
 PIXELS = 96  #: width and height of an observed picture
 FRAME = 512  #: width and height of a rendered picture
 
-_STARTS = [0.0] * 4 + [-math.inf], [task.SIZE] * 4 + [math.inf]  #: limits of states and actions
-_ACTIONS = [0.0] * 2, [task.SIZE] * 2
-_AGENT = spaces.Box(0.0, task.SIZE, shape=(2,), dtype=np.float64)
-_POINTS = spaces.Box(0.0, task.SIZE, shape=(16,), dtype=np.float64)
+_STARTS = (
+    [0.0] * 4 + [-math.inf],
+    [constants.SIZE] * 4 + [math.inf],
+)  #: limits of states and actions
+_ACTIONS = [0.0] * 2, [constants.SIZE] * 2
+_AGENT = spaces.Box(0.0, constants.SIZE, shape=(2,), dtype=np.float64)
+_POINTS = spaces.Box(0.0, constants.SIZE, shape=(16,), dtype=np.float64)
 _PICTURE = spaces.Box(0, 255, shape=(PIXELS, PIXELS, 3), dtype=np.uint8)
 OBSERVATIONS: dict[str, spaces.Space[Any]] = {
-    "state": spaces.Box(np.zeros(5), np.array([task.SIZE] * 4 + [2 * math.pi]), dtype=np.float64),
+    "state": spaces.Box(
+        np.zeros(5), np.array([constants.SIZE] * 4 + [2 * math.pi]), dtype=np.float64
+    ),
     "keypoints": spaces.Dict({"environment_state": _POINTS, "agent_pos": _AGENT}),
     "pixels": _PICTURE,
     "pixels_agent_pos": spaces.Dict({"pixels": _PICTURE, "agent_pos": _AGENT}),
@@ -59,7 +64,7 @@ class PushT(gymnasium.Env[Any, Any]):
         render_mode: "rgb_array" or None. No display is needed.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": round(1 / task.CONTROL_SECONDS)}  # noqa: RUF012
+    metadata = {"render_modes": ["rgb_array"], "render_fps": round(1 / constants.CONTROL_SECONDS)}  # noqa: RUF012
 
     def __init__(self, obs_type: str = "state", render_mode: str | None = None) -> None:
         self.obs_type = check_choice(obs_type, "obs_type", tuple(OBSERVATIONS))
@@ -67,8 +72,8 @@ class PushT(gymnasium.Env[Any, Any]):
             check_choice(render_mode, "render_mode", ("rgb_array",))
         self.render_mode = render_mode
         self.observation_space = copy.deepcopy(OBSERVATIONS[obs_type])  # each is seeded by itself
-        self.action_space = spaces.Box(0.0, task.SIZE, shape=(2,), dtype=np.float32)
-        self._world: Simulation
+        self.action_space = spaces.Box(0.0, constants.SIZE, shape=(2,), dtype=np.float32)
+        self._world: Any = None  # until `reset`
         self._action: tuple[float, float] | None = None
 
     def reset(
@@ -85,7 +90,7 @@ class PushT(gymnasium.Env[Any, Any]):
             TypeError: the state does not hold real numbers.
             ValueError: `options` has another key, or the state lies outside the world.
         """
-        super().reset(seed=None if seed is None else check_count(seed, "seed", minimum=0))
+        super().reset(seed=None if seed is None else check_seed(seed))
         state = chosen_start(options, _STARTS)
         self._world = Simulation(random_state(self.np_random) if state is None else state)
         self._action = None
@@ -97,19 +102,24 @@ class PushT(gymnasium.Env[Any, Any]):
         Raises:
             TypeError: `action` does not hold real numbers.
             ValueError: `action` does not have shape (2,), is not finite or lies outside the world.
+            RuntimeError: `reset` was not called.
         """
         x, y = check_numbers(action, _ACTIONS, "action", shape=(2,)).tolist()
-        self._world.step(x, y)
+        check_started(self._world).step(x, y)
         self._action = (x, y)
         info = self._info()
-        reward = min(info["coverage"] / task.SUCCESS, 1.0)
+        reward = min(info["coverage"] / constants.SUCCESS, 1.0)
         return self._observe(), reward, info["is_success"], False, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """An image (512, 512, 3) with a cross at the last action; None if render_mode is None."""
+        """An image (512, 512, 3) with a cross at the last action; None if render_mode is None.
+
+        Raises:
+            RuntimeError: `reset` was not called.
+        """
         if self.render_mode is None:
             return None
-        return draw(self._world.state, size=FRAME, action=self._action)
+        return draw(check_started(self._world).state, size=FRAME, action=self._action)
 
     def _observe(self) -> Observation:
         agent_x, agent_y, x, y, angle = state = self._world.state
@@ -117,11 +127,11 @@ class PushT(gymnasium.Env[Any, Any]):
             return np.array([agent_x, agent_y, x, y, angle % (2 * math.pi)])
         agent = np.array([agent_x, agent_y])
         if self.obs_type == "keypoints":
-            points = corners(state[2:], task.KEYPOINTS)
+            points = corners(state[2:], constants.KEYPOINTS)
             return {"environment_state": points.ravel(), "agent_pos": agent}
         picture = draw(state, size=PIXELS)
         return picture if self.obs_type == "pixels" else {"pixels": picture, "agent_pos": agent}
 
     def _info(self) -> dict[str, Any]:
         coverage = self._world.coverage
-        return {"coverage": coverage, "is_success": coverage > task.SUCCESS}
+        return {"coverage": coverage, "is_success": coverage > constants.SUCCESS}

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cotlearn.robots.plane import rotate
-from cotlearn.robots.push_t.task import GOAL
+from cotlearn.robots.push_t.constants import GOAL
 from cotlearn.robots.task import Array, Frame
 
 

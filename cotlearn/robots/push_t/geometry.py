@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cotlearn.robots.plane import rotate
-from cotlearn.robots.push_t.task import AREA, GOAL, OUTLINE, RECTANGLES
+from cotlearn.robots.push_t.constants import AREA, GOAL, OUTLINE, RECTANGLES
 from cotlearn.robots.task import Array
 from cotlearn.validation import check_array
 

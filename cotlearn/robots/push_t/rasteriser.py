@@ -13,7 +13,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from cotlearn.robots.push_t import task
+from cotlearn.robots.push_t import constants
 from cotlearn.validation import check_count, check_matrix, check_real
 
 Colour = tuple[int, int, int]
@@ -24,7 +24,7 @@ AGENT = (65, 105, 225)
 CROSS = (220, 20, 60)
 _ARM, _STROKE = 16.0, 2.0  #: half of an arm of the cross that marks an action, and of its width
 #: The T's rectangles, x1 and y0, y1; both are symmetric in x, and overlap to hide the seam.
-_RECTANGLES = ((task.BAR[1], *task.BAR[2:]), (task.STEM[1], 0.0, task.STEM[3]))
+_RECTANGLES = ((constants.BAR[1], *constants.BAR[2:]), (constants.STEM[1], 0.0, constants.STEM[3]))
 #: Pixels that are painted at once; a block that fits a core's cache is faster.
 _AT_ONCE = 2**18
 
@@ -83,7 +83,11 @@ def paint(image: Tensor, distance: Tensor, colour: Colour) -> Tensor:
         distance: (..., size, size), in world units.
         colour: red, green and blue.
     """
-    share = distance.mul(-1 / (task.SIZE / image.shape[-1])).add_(0.5).clamp_(0, 1)[..., None, :, :]
+    share = (
+        distance.mul(-1 / (constants.SIZE / image.shape[-1]))
+        .add_(0.5)
+        .clamp_(0, 1)[..., None, :, :]
+    )
     tone = torch.tensor(colour, dtype=image.dtype, device=image.device)[:, None, None]
     return torch.lerp(image, tone, share)
 
@@ -94,14 +98,14 @@ def _painted(states: Tensor, size: int) -> Tensor:
     image = _background(size).to(states.device)
     image = paint(image, _to_tee(x, y, states[:, 2:]), BLOCK)
     from_x, from_y = x - states[:, 0, None, None], y - states[:, 1, None, None]
-    to_agent = torch.hypot(from_x, from_y) - task.AGENT_RADIUS
+    to_agent = torch.hypot(from_x, from_y) - constants.AGENT_RADIUS
     return paint(image, to_agent, AGENT).round_()
 
 
 @functools.lru_cache(maxsize=8)
 def grid(size: int) -> tuple[Tensor, Tensor]:
     """World coordinates of the pixel centres: x (1, size) and y (size, 1)."""
-    centres = (torch.arange(size) + 0.5) * (task.SIZE / size)
+    centres = (torch.arange(size) + 0.5) * (constants.SIZE / size)
     return centres[None], centres[:, None]
 
 
@@ -110,12 +114,12 @@ def _background(size: int) -> Tensor:
     """The goal and the walls, (3, size, size)."""
     x, y = grid(size)
     image = torch.tensor(WHITE, dtype=torch.float32)[:, None, None].expand(3, size, size)
-    image = paint(image, _to_tee(x, y, torch.tensor([task.GOAL]))[0], OUTLINE)
-    low, high = task.WALLS
+    image = paint(image, _to_tee(x, y, torch.tensor([constants.GOAL]))[0], OUTLINE)
+    low, high = constants.WALLS
     lines = [abs(value - end) for value in (x, y) for end in (low, high)]
     to_line = functools.reduce(torch.minimum, lines)
     outside = functools.reduce(torch.maximum, (low - x, x - high, low - y, y - high))
-    return paint(image, torch.maximum(to_line, outside) - task.WALL_RADIUS, WALL)
+    return paint(image, torch.maximum(to_line, outside) - constants.WALL_RADIUS, WALL)
 
 
 def _to_tee(x: Tensor, y: Tensor, pose: Tensor) -> Tensor:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cotlearn.robots.push_t import task
+from cotlearn.robots.push_t import constants
 from cotlearn.robots.push_t.geometry import coverage_of_one, nearest_side
 from cotlearn.robots.task import Array
 from cotlearn.validation import check_array, check_seeds
@@ -33,7 +34,7 @@ def random_state(generator: np.random.Generator) -> State:
     agent = generator.integers(50, 450), generator.integers(50, 450)
     place = generator.integers(100, 400), generator.integers(100, 400)
     angle = float(generator.uniform(-math.pi, math.pi))
-    gravity_x, gravity_y = task.CENTRE_OF_GRAVITY
+    gravity_x, gravity_y = constants.CENTRE_OF_GRAVITY
     x = place[0] + gravity_x - (math.cos(angle) * gravity_x - math.sin(angle) * gravity_y)
     y = place[1] + gravity_y - (math.sin(angle) * gravity_x + math.cos(angle) * gravity_y)
     return float(agent[0]), float(agent[1]), float(x), float(y), angle
@@ -45,6 +46,9 @@ class Simulation:
     As in gym-pusht, the constructor takes one physics step with the agent at rest, which starts to
     push out a T that overlaps the agent or a wall.
 
+    A copy, by `copy.deepcopy` or pickle, goes on bit for bit: it takes the same steps again from
+    the same start (0.1 ms each), because pymunk's copies lose digits and forget contacts.
+
     Args:
         state: (5,), agent x and y, T x, y and angle.
     """
@@ -52,35 +56,41 @@ class Simulation:
     def __init__(self, state: ArrayLike) -> None:
         import pymunk  # late: the definition of the task is of use without its physics
 
-        agent_x, agent_y, x, y, angle = check_array(state, "state", (5,)).tolist()
+        self._start = check_array(state, "state", (5,)).tolist()
+        self._targets: list[tuple[float, float]] = []
+        agent_x, agent_y, x, y, angle = self._start
         space = pymunk.Space()
         space.damping = 0.0
-        low, high = task.WALLS
+        low, high = constants.WALLS
         left, right = ((low, high), (low, low)), ((high, low), (high, high))
         top, bottom = ((low, low), (high, low)), ((low, high), (high, high))
         # gym-pusht's order of walls, which determines the order of contacts
         for ends in (left, top, right, bottom):
-            space.add(pymunk.Segment(space.static_body, *ends, task.WALL_RADIUS))
+            space.add(pymunk.Segment(space.static_body, *ends, constants.WALL_RADIUS))
         agent = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
         agent.position = agent_x, agent_y
-        space.add(agent, pymunk.Circle(agent, task.AGENT_RADIUS))
-        bar, stem = task.KEYPOINTS[:4], task.KEYPOINTS[4:]
+        space.add(agent, pymunk.Circle(agent, constants.AGENT_RADIUS))
+        bar, stem = constants.KEYPOINTS[:4], constants.KEYPOINTS[4:]
         # gym-pusht takes the bar's moment of inertia for the stem, too.
-        block = pymunk.Body(task.MASS, 2 * pymunk.moment_for_poly(task.MASS, bar))
-        block.center_of_gravity = task.CENTRE_OF_GRAVITY
+        block = pymunk.Body(constants.MASS, 2 * pymunk.moment_for_poly(constants.MASS, bar))
+        block.center_of_gravity = constants.CENTRE_OF_GRAVITY
         space.add(block, pymunk.Poly(block, bar), pymunk.Poly(block, stem))
         block.angle = angle  # before the position: it rotates about the centre of gravity
         block.position = x, y
         self._space, self._agent, self._block, self._velocity = space, agent, block, (0.0, 0.0)
-        space.step(task.PHYSICS_SECONDS)
+        space.step(constants.PHYSICS_SECONDS)
 
     def step(self, x: float, y: float) -> None:
         """Pulls the agent towards the target (x, y) for one control step."""
         space_step, agent = self._space.step, self._agent
-        seconds, stiffness, damping = task.PHYSICS_SECONDS, task.STIFFNESS, task.DAMPING
+        seconds, stiffness, damping = (
+            constants.PHYSICS_SECONDS,
+            constants.STIFFNESS,
+            constants.DAMPING,
+        )
         agent_x, agent_y = agent.position
         vx, vy = self._velocity
-        for _ in range(task.SUBSTEPS):
+        for _ in range(constants.SUBSTEPS):
             vx += (stiffness * (x - agent_x) - damping * vx) * seconds
             vy += (stiffness * (y - agent_y) - damping * vy) * seconds
             agent.velocity = vx, vy
@@ -88,6 +98,10 @@ class Simulation:
             agent_x += vx * seconds
             agent_y += vy * seconds
         self._velocity = vx, vy
+        self._targets.append((x, y))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _replayed, (self._start, self._targets)
 
     @property
     def state(self) -> State:
@@ -99,6 +113,14 @@ class Simulation:
     def coverage(self) -> float:
         """The share of the goal that the T covers, in [0, 1]."""
         return coverage_of_one(*self.state[2:])
+
+
+def _replayed(start: list[float], targets: list[tuple[float, float]]) -> Simulation:
+    """A simulation after these steps."""
+    simulation = Simulation(start)
+    for x, y in targets:
+        simulation.step(x, y)
+    return simulation
 
 
 class PushTVectorSim:
@@ -149,7 +171,7 @@ class PushTVectorSim:
     @property
     def finished(self) -> NDArray[np.bool_]:
         """Whether the T has ever covered more than 0.95 of the goal, (n,)."""
-        return self._best > task.SUCCESS
+        return self._best > constants.SUCCESS
 
     def outcomes(self) -> dict[str, Array]:
         """The results of each episode so far, name -> (n,).

@@ -1,0 +1,218 @@
+"""Paired noise for a batch whose rows stay where they are: the permutation goes to the noise."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+from torch import Generator, Tensor
+from torch.utils.data import get_worker_info
+
+from cotlearn import validation
+from cotlearn.couplings.base import Coupling, Pairs
+from cotlearn.couplings.conditions import combine
+from cotlearn.diagnostics.skew import ROWS_FOR_EACH, LinearSkew, linear_skew
+
+Condition = Tensor | Mapping[str, Tensor] | None
+
+CHECK_AFTER = 100  #: batches, after which `PairedNoise` tests its noise
+KEPT_ROWS = 20_000  #: of noise and condition, for this test
+CELLS = 64  #: of the condition, in this test
+TOO_SKEWED = 0.05  #: share of the noise's variance that the condition explains, for a warning
+
+
+def paired_noise(
+    coupling: Coupling,
+    actions: Tensor,
+    condition: Condition = None,
+    *,
+    is_pad: Tensor | None = None,
+    generator: Generator | None = None,
+    noise: Tensor | None = None,
+) -> Tensor:
+    """Noise like `actions`: row i is what the coupling pairs with actions[i].
+
+    Padding does not count. A column with one value for all rows, as in actions that are padded to a
+    model's width, changes no plan, but weighs in a "balanced" condition weight, so it is left out.
+    A padded step counts as zero.
+
+    Args:
+        coupling: pairs rows of a batch and uses each once, as `ConditionalOT`.
+        actions: (B, ...), as chunks (B, T, D) or images (B, C, H, W); any device and
+            floating-point type.
+        condition: of each row: numbers (B,), (B, k) or (B, T, k); integer labels (B,); or a
+            dictionary of these, which count equally (see `combine`). For pictures (B, C, H, W) give
+            `clusters(pictures.flatten(1))` of fitted `EmbeddedClusters`, or the pictures if the
+            coupling has these as its `condition`.
+        is_pad: (B, T), true for steps after an episode's end, as LeRobot's "action_is_pad".
+        generator: source of randomness; torch's global generator if None. In a worker of a
+            `DataLoader` it starts at the worker's own seed, so that no two draw the same.
+        noise: (B, ...), to be paired; standard normal if None.
+
+    Returns:
+        Noise with the shape, device and type of `actions`, without a gradient.
+
+    Raises:
+        TypeError: an argument is of another kind.
+        ValueError: shapes do not match, or the coupling does more than move rows.
+    """
+    return _untraced(_paired)(coupling, actions, condition, is_pad, generator, noise)[0]
+
+
+class PairedNoise:
+    """`paired_noise` of many batches, with a warning if the noise depends on the condition.
+
+    Such noise is not what a network samples from later. After 100 batches (more if they are small)
+    `skew` is computed; a share above 0.05 gives a warning.
+
+    Args:
+        coupling: as in `paired_noise`.
+        generator: as in `paired_noise`.
+    """
+
+    def __init__(self, coupling: Coupling, *, generator: Generator | None = None) -> None:
+        wanted = "a coupling such as ConditionalOT()"
+        self.coupling = validation.check_has(coupling, "coupling", wanted, "match", "traits")
+        validation.check_generator(generator)
+        self.generator = generator
+        self._kept: list[tuple[Tensor, Tensor]] = []
+        self._checked = False
+
+    def __call__(
+        self,
+        actions: Tensor,
+        condition: Condition = None,
+        *,
+        is_pad: Tensor | None = None,
+        noise: Tensor | None = None,
+    ) -> Tensor:
+        """Noise like `actions`, as `paired_noise` returns it."""
+        return _untraced(self._pair)(actions, condition, is_pad, noise)
+
+    def skew(self) -> LinearSkew:
+        """The share of the noise's variance between 64 cells of the condition, and its p-value.
+
+        Raises:
+            ValueError: too few rows with a condition were paired until now.
+        """
+        if not self._kept:
+            raise ValueError("skew needs noise that was paired with a condition: pair a batch")
+        x0, c = (torch.cat(parts)[:KEPT_ROWS] for parts in zip(*self._kept, strict=True))
+        return linear_skew(x0, c, cells=CELLS)
+
+    def _pair(
+        self, actions: Tensor, condition: Condition, is_pad: Tensor | None, noise: Tensor | None
+    ) -> Tensor:
+        """Pair, and keep what was paired until it is enough for the test."""
+        options = is_pad, self.generator, noise
+        paired, moved, c = _paired(self.coupling, actions, condition, *options)
+        if c is not None and not self._checked:
+            clusters = getattr(self.coupling, "condition", None)
+            self._kept.append((moved.cpu(), (clusters(c) if clusters else c).float().cpu()))
+            self._check()
+        return paired
+
+    def _check(self) -> None:
+        """After enough batches and rows, warn once if the noise is skewed."""
+        rows, columns = sum(len(x0) for x0, _ in self._kept), self._kept[0][0].shape[1]
+        if len(self._kept) < CHECK_AFTER or rows < ROWS_FOR_EACH * max(columns, CELLS):
+            return
+        self._checked, found = True, self.skew()
+        if found.flagged and found.explained > TOO_SKEWED:
+            warnings.warn(
+                f"the condition explains {found.explained:.0%} of the variance of the noise that "
+                f"{self.coupling!r} paired in {len(self._kept)} batches, so sampling will start "
+                "from other noise than training; take a larger condition_weight, or clusters",
+                RuntimeWarning,
+                stacklevel=5,
+            )
+
+
+def as_pairing(pairing: Coupling | PairedNoise) -> PairedNoise:
+    """`PairedNoise` of a coupling, or the one that is given."""
+    return pairing if isinstance(pairing, PairedNoise) else PairedNoise(pairing)
+
+
+def _untraced(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, which a compiled step calls as it is: numba's loops cannot be traced."""
+    return torch.compiler.disable(function) if torch.compiler.is_compiling() else function
+
+
+def _paired(
+    coupling: Coupling,
+    actions: Tensor,
+    condition: Condition,
+    is_pad: Tensor | None,
+    generator: Generator | None,
+    noise: Tensor | None,
+) -> tuple[Tensor, Tensor, Tensor | None]:
+    """The noise like `actions`; its columns that were paired, (B, m); the condition, (B, k)."""
+    x1 = validation.check_matrix(_rows(actions, "actions"), "actions")
+    validation.check_generator(generator)
+    if (worker := get_worker_info()) and generator and generator.initial_seed() != worker.seed:
+        generator.manual_seed(worker.seed)  # this process has a copy of it
+    if noise is None:
+        device = generator.device if generator else x1.device
+        x0 = torch.randn(x1.shape, dtype=x1.dtype, device=device, generator=generator)
+    else:
+        x0 = _rows(validation.check_shape(noise, "noise", tuple(actions.shape)), "noise")
+    x0 = x0.to(x1)
+    if is_pad is not None:
+        wanted = tuple(actions.shape[:2])
+        if not isinstance(is_pad, Tensor) or actions.ndim < 3 or is_pad.shape != wanted:
+            raise ValueError(f"is_pad must be (B, T) for actions (B, T, D), got {is_pad!r}")
+        x1 = x1.unflatten(1, (*actions.shape[1:2], -1))
+        x1 = x1.masked_fill(is_pad.bool()[:, :, None], 0).flatten(1)
+    varies = (x1 != x1[0]).any(dim=0)
+    clustered = getattr(coupling, "condition", None) is not None
+    c = None if condition is None else _matrix(condition, "condition", clustered)
+    with torch.autocast(x1.device.type, enabled=False):
+        pairs = coupling(x0 * varies, x1 * varies, c, generator=generator)
+    _check_moved(coupling, pairs, x1 * varies, c)
+    moved = torch.empty_like(x0)
+    moved[pairs.target_index] = torch.where(varies, pairs.x0, x0[pairs.source_index])
+    return moved.view(actions.shape).to(actions.dtype), moved[:, varies].float(), c
+
+
+def _rows(value: Any, name: str) -> Tensor:
+    """Floating-point values (B, ...) as a matrix (B, d) in at least single precision."""
+    if not isinstance(value, Tensor) or not value.is_floating_point() or value.ndim < 2:
+        got = f"{tuple(value.shape)}, {value.dtype}" if isinstance(value, Tensor) else repr(value)
+        raise TypeError(f"{name} must be a floating-point tensor (B, ...), got {got}")
+    value = value.detach().flatten(1)
+    return value if value.dtype == torch.float64 else value.float()
+
+
+def _matrix(value: Any, name: str, clustered: bool) -> Tensor:
+    """A condition as a matrix (B, k); see `paired_noise`."""
+    if isinstance(value, Mapping):
+        return combine(
+            {key: _matrix(part, f"{name}[{key!r}]", False) for key, part in value.items()}
+        )
+    if not isinstance(value, Tensor):
+        raise TypeError(f"{name} must be a tensor or a dictionary of tensors, got {value!r}")
+    value = value.detach()
+    if value.ndim == 1 and not value.is_floating_point():  # labels: which rows have the same one
+        classes = torch.unique(value, return_inverse=True)[1]
+        return torch.nn.functional.one_hot(classes).float()
+    if value.ndim > 3 and not clustered:
+        raise ValueError(
+            f"{name} has the shape of pictures, {tuple(value.shape)}: give clusters("
+            "pictures.flatten(1)) of fitted EmbeddedClusters, or these as the coupling's condition"
+        )
+    value = value[:, None] if value.ndim == 1 else value.flatten(1)
+    return value if value.dtype == torch.float64 else value.float()
+
+
+def _check_moved(coupling: Coupling, pairs: Pairs, x1: Tensor, c: Tensor | None) -> None:
+    """Raise ValueError unless the pairs use each row once, with its own data and condition."""
+    target, every = pairs.target_index, torch.arange(len(x1), device=x1.device)
+    once = all(torch.equal(rows.sort()[0], every) for rows in (target, pairs.source_index))
+    own = torch.equal(pairs.x1, x1[target]) and (
+        c is None or (pairs.c is not None and torch.equal(pairs.c, c[target]))
+    )
+    if not once or not own or pairs.weight is not None:
+        what = "gives pairs other data, conditions or weights" if once else "draws rows repeatedly"
+        raise ValueError(f"coupling must only move rows of noise, but {coupling!r} {what}")

@@ -1,0 +1,62 @@
+"""Compiled loops, kept on disk where that is possible."""
+
+import contextlib
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit
+from numba.core.caching import FunctionCache
+
+
+def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Numba's `njit` without Python's global lock, whose code is kept for the next process.
+
+    Numba keeps it beside the source, else in the user's folder of caches. If neither can be
+    written, as in a container that is read-only, the loops are compiled anew in each process.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        loop = njit(nogil=True, **options)(function)
+        with contextlib.suppress(RuntimeError):  # there is no folder for the code
+            loop._cache = _Kept(function)  # as `cache=True` does with Numba's own
+        return loop
+
+    return decorate
+
+
+class _Kept(FunctionCache):
+    """Numba's cache; a full disk or a damaged file costs only the time to compile anew."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The code of a signature, or None."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception as error:  # decoding a damaged file raises many kinds
+            _warn(self.cache_path, error)
+            with contextlib.suppress(OSError):
+                self.flush()  # so that the next process finds it whole
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the code of a signature, if that is possible."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _warn(self.cache_path, error)
+
+
+_warned = False
+
+
+def _warn(folder: str, error: Exception) -> None:
+    """Say once in a process that code is not kept."""
+    global _warned
+    if not _warned:
+        _warned = True
+        warnings.warn(
+            f"compiled loops are not kept in {folder} and take some seconds in each process: "
+            f"{error or type(error).__name__}",
+            RuntimeWarning,
+            stacklevel=2,
+        )

@@ -1,0 +1,208 @@
+"""Grades a folder of notebooks, with a table and a page for each student; resumable.
+
+The result for each notebook is kept at once, under a name made of the notebook and the tests. So a
+run can be stopped at any time and repeated: only what is new or changed is graded.
+"""
+
+import csv
+import hashlib
+import io
+import json
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cotlearn
+from cotlearn.course import assignments, checks
+from cotlearn.course.checking import printable
+from cotlearn.course.kernel import Limits, in_parallel
+from cotlearn.course.marking import Mark, Marked, mark
+from cotlearn.course.submissions import MOST_BYTES
+from cotlearn.files import write_text
+from cotlearn.validation import check_output
+
+
+@dataclass(frozen=True)
+class Row:
+    """The result for one file in the folder.
+
+    Attributes:
+        file: path relative to the folder, as printable text.
+        marked: the result.
+        kept: whether the result comes from an earlier run.
+    """
+
+    file: str
+    marked: Marked
+    kept: bool = False
+
+
+def grade(
+    folder: Path,
+    out: Path,
+    *,
+    masters: Path | None = None,
+    workers: int | None = None,
+    limits: Limits,
+    each: Callable[[Row, int, int], None] | None = None,
+) -> list[Row]:
+    """Grades all notebooks in a folder and its subfolders; every file gets a row.
+
+    Args:
+        folder: The folder of the notebooks; they are read, not changed.
+        out: The table to write, a CSV file with one row per file. The pages go to a folder of the
+            same name without ".csv", one per file.
+        masters: The folder of the master notebooks; the course's if None.
+        workers: Number of notebooks graded in parallel; the number of cores if None.
+        limits: The limits on each notebook.
+        each: Called after each file as each(row, files done, files in total).
+
+    Returns:
+        The rows, sorted by file name.
+
+    Raises:
+        ValueError: The folder is missing or holds no file, `out` cannot be written, or there are no
+            masters with hidden tests.
+        KeyboardInterrupt: Ctrl-C was pressed; finished results are kept.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"folder must be a folder of notebooks, got {folder}")
+    if out.is_dir() or not out.suffix:
+        raise ValueError(f"out must be a file such as grades.csv, got {out}")
+    pages = out.with_suffix("")
+    check_output(pages / "page", "out")
+    files = _handed_in(folder, without={out.absolute(), pages.absolute()})
+    if not files:
+        raise ValueError(f"there is no notebook (*.ipynb) in {folder}")
+    tests = _about(_masters(masters), limits)
+    rows: list[Row] = []
+
+    def one(path: Path) -> Row:
+        name = printable(path.relative_to(folder).as_posix(), 1000)
+        known = pages / ".known" / f"{_digest(path, tests)}.json"
+        if (marked := _read(known)) is not None:
+            return Row(name, marked, kept=True)
+        try:
+            marked = mark(path, hidden=True, masters=masters, limits=limits)
+        except Exception as error:  # whatever it is, it costs this row only
+            kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
+            return Row(name, Marked(note=printable(f"{kind}{error}")))
+        write_text(known, json.dumps(asdict(marked), indent=1) + "\n")
+        return Row(name, marked)
+
+    def then(row: Row) -> None:
+        rows.append(row)
+        _write_page(row, pages)
+        if each is not None:
+            each(row, len(rows), len(files))
+
+    in_parallel(one, files, workers=workers or os.cpu_count() or 1, then=then)
+    rows.sort(key=lambda row: row.file)
+    write_text(out, table(rows), encoding="utf-8-sig")  # so that Excel reads the accents
+    return rows
+
+
+def _handed_in(folder: Path, *, without: set[Path]) -> list[Path]:
+    """All files but hidden ones and this program's own; a folder called *.ipynb counts, too."""
+    found = []
+    for path in sorted(folder.rglob("*")):
+        hidden = any(part.startswith((".", "__MACOSX")) for part in path.relative_to(folder).parts)
+        own = without & {path.absolute(), *path.absolute().parents}
+        a_file = not path.is_dir() or path.suffix == ".ipynb"
+        if a_file and not hidden and not own:
+            found.append(path)
+    return found
+
+
+def _masters(folder: Path | None) -> list[Path]:
+    """Returns the masters; raises ValueError if there are none or they have no hidden tests."""
+    paths = assignments.masters(folder)
+    if not paths:
+        raise ValueError(f"there is no master notebook (hw1.ipynb, ...) in {folder}")
+    for path in paths:
+        if not any(asked.tests for asked in assignments.read(path, path.stem).questions):
+            raise ValueError(f"{path} has no hidden tests: masters must be a folder of masters")
+    return paths
+
+
+def _about(masters: Iterable[Path], limits: Limits) -> str:
+    """What a result depends on, but for the notebook."""
+    folders = Path(checks.__path__[0]), Path(__file__).parent
+    code = [file for folder in folders for file in sorted(folder.glob("*.py"))]
+    files = [*masters, *code]
+    sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
+    return json.dumps([cotlearn.__version__, asdict(limits), sums])
+
+
+def _digest(path: Path, tests: str) -> str:
+    """The name under which the result of a notebook is kept."""
+    regular = path.is_file() and not path.is_symlink() and path.stat().st_size <= MOST_BYTES
+    content = path.read_bytes() if regular else b""  # of which `mark` says what it is
+    about = f"{tests}\0{path.name}\0".encode(errors="surrogateescape")
+    return hashlib.sha256(about + content).hexdigest()[:32]
+
+
+def _read(known: Path) -> Marked | None:
+    """Returns a result of an earlier run; None if it is missing or torn."""
+    try:
+        stored = json.loads(known.read_text(encoding="utf-8"))
+        return Marked(**{**stored, "marks": [Mark(**item) for item in stored["marks"]]})
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _write_page(row: Row, pages: Path) -> None:
+    """Writes the page of a row, in the folder and under the name of its file."""
+    file = Path(row.file)
+    name = file.name
+    if len(name.encode()) > 200:  # with its new ending it may be too long
+        name = hashlib.sha256(name.encode()).hexdigest()[:16]
+    write_text(pages / file.parent / f"{name}.md", page(file.name, row.marked))
+
+
+def table(rows: Iterable[Row]) -> str:
+    """Returns a CSV table: file, assignment, points, possible points, note, each question."""
+    rows = list(rows)
+    asked = dict.fromkeys(item.question for row in rows for item in row.marked.marks)
+    questions = sorted(asked, key=lambda name: name.split(".")[0])  # keeps an assignment's order
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(["file", "assignment", "points", "out_of", "percent", "note", *questions])
+    for row in rows:
+        marked = row.marked
+        earned = {item.question: f"{item.points:g}" for item in marked.marks}
+        out_of = f"{marked.out_of:g}" if marked.marks else ""
+        percent = f"{100 * marked.points / marked.out_of:.0f}" if marked.out_of else ""
+        found = [_plain(row.file), marked.assignment, f"{marked.points:g}", out_of, percent]
+        each = (earned.get(name, "") for name in questions)
+        writer.writerow([*found, _plain(marked.note), *each])
+    return text.getvalue()
+
+
+def _plain(text: str) -> str:
+    """Escapes a student's text that a spreadsheet would take for a formula."""
+    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t")) else text
+
+
+def page(file: str, marked: Marked) -> str:
+    """Returns the page of a student, as Markdown."""
+    if not marked.marks:
+        return f"# {file}\n\nThis could not be graded: {marked.note}.\n"
+    lines = [f"# {marked.title}", "", f"{file}: {marked.points:g} of {marked.out_of:g} points", ""]
+    if marked.note:
+        lines += [f"Note: {marked.note}.", ""]
+    for item in marked.marks:
+        lines += [f"## {item.question}: {item.points:g} of {item.out_of:g}", "", *_words(item), ""]
+    return "\n".join(lines)
+
+
+def _words(item: Mark) -> list[str]:
+    if item.correct:
+        return ["✓ correct"]
+    if item.verdict == "not attempted yet":
+        return ["not attempted"]
+    first = f"✗ {item.sentence}"
+    if item.verdict == "correct":
+        first = "✓ the self-check passes, and a hidden test does not:"
+    return [first, *(f"- {hint}" for hint in item.hints if hint != item.sentence)]

@@ -1,0 +1,56 @@
+"""The learner's progress: one small file on this machine, which is never sent anywhere.
+
+In a checkout it is `.cotlearn-progress.json` in the root, else `.cotlearn/progress.json` in the
+user's home folder.
+"""
+
+import contextlib
+import datetime
+import json
+import os
+import sys
+from pathlib import Path
+
+from cotlearn.course import assets
+from cotlearn.files import write_text
+
+
+def file() -> Path:
+    """Returns the path of the file, which may not exist yet."""
+    root = assets.checkout()
+    if root is not None:
+        return root / ".cotlearn-progress.json"
+    return Path.home() / ".cotlearn" / "progress.json"
+
+
+def in_notebook() -> bool:
+    """Tells whether a person is working in a notebook; False if it is executed by a program."""
+    if os.environ.get("COTLEARN_PROGRESS") == "0" or "IPython" not in sys.modules:
+        return False
+    shell = sys.modules["IPython"].get_ipython()
+    return shell is not None and "IPKernelApp" in shell.config
+
+
+def read() -> dict[str, dict[str, str]]:
+    """Returns {exercise: {"verdict": ..., "when": ...}}; empty if the file cannot be read."""
+    try:
+        stored = json.loads(file().read_text(encoding="utf-8"))["exercises"]
+        return {name: {k: item[k] for k in ("verdict", "when")} for name, item in stored.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return {}
+
+
+def remember(verdicts: dict[str, str]) -> None:
+    """Adds verdicts to the file; "not attempted yet" does not replace an earlier verdict.
+
+    If the file cannot be written, nothing happens.
+
+    Args:
+        verdicts: {exercise: verdict}.
+    """
+    now = datetime.datetime.now().isoformat(timespec="seconds")
+    attempted = {name: v for name, v in verdicts.items() if v != "not attempted yet"}
+    known = read() | {name: {"verdict": v, "when": now} for name, v in attempted.items()}
+    text = json.dumps({"exercises": known}, indent=1, sort_keys=True) + "\n"
+    with contextlib.suppress(OSError):
+        write_text(file(), text)

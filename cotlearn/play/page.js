@@ -1,0 +1,71 @@
+/** The page: mounts each panel when it first comes into view, with its data. */
+
+import { make } from "./controls.js";
+import { unpack } from "./data.js";
+import { Link } from "./link.js";
+import { mount as pairs } from "./pairs.js";
+import { mount as results } from "./results.js";
+import { mount as robots } from "./robots.js";
+import { mount as samples } from "./samples.js";
+
+const PANELS = { pairs, samples, robots, results };
+
+/** The panels that were mounted, by name. */
+export const mounted = {};
+
+/** The data of a panel; a page holds them as text until somebody wants to see them. */
+const data = (name) => unpack(document.getElementById(`data-${name}`).textContent);
+
+export async function open(name) {
+  if (!(name in mounted)) mounted[name] = start(name);
+  return mounted[name];
+}
+
+async function start(name) {
+  const place = document.querySelector(`#${name} .panel`);
+  try {
+    const common = await data("common");
+    const own = document.getElementById(`data-${name}`) ? await data(name) : {};
+    const link = new Link(name === "results" ? "" : `${name}.`);
+    place.replaceChildren();
+    return PANELS[name](place, { ...common, ...own, link, sample });
+  } catch (error) {
+    place.replaceChildren(make("p", { class: "sentence", role: "alert" }, error.message));
+    throw error;
+  }
+}
+
+/** From panel 1 to panel 2, with the same pairs. */
+async function sample({ data, coupling, w }) {
+  if (!document.getElementById("samples")) {
+    window.open(location.href.split("#")[0], "_top"); // this page stands in another one's frame
+    return;
+  }
+  const panel = await open("samples");
+  panel.follow(data, coupling, w);
+  document.getElementById("samples").scrollIntoView({ block: "start" });
+}
+
+/** Called once at the end of the page. */
+export function begin() {
+  const only = new URLSearchParams(location.hash.slice(1)).get("embed");
+  if (only in PANELS) embed(only);
+  const watcher = new IntersectionObserver(
+    (entries) => {
+      for (const entry of entries) if (entry.isIntersecting) open(entry.target.id);
+    },
+    { rootMargin: "300px" },
+  );
+  for (const name of Object.keys(PANELS)) {
+    const section = document.getElementById(name);
+    if (section) watcher.observe(section);
+  }
+}
+
+/** Leave only one panel, for another page that frames this one. */
+function embed(only) {
+  document.documentElement.classList.add("embedded");
+  for (const section of document.querySelectorAll("section")) {
+    if (section.id !== only) section.remove();
+  }
+}

@@ -1,1 +1,0 @@
-"""Planned demonstrators, one folder per task, and the recording of their demonstrations."""

@@ -1,5 +1,0 @@
-"""The demonstrator of the arm: it chooses a mode and follows a smooth path of this mode."""
-
-from cotlearn.robots.experts.arm.expert import ArmExpert
-
-__all__ = ["ArmExpert"]

@@ -1,0 +1,273 @@
+"""Noise that goes to rows which stay: brute force, invariances, and the warning's number."""
+
+import itertools
+import math
+import warnings
+
+import pytest
+import torch
+from support import refused, seeded
+from torch.utils.data import DataLoader, TensorDataset
+
+from cotlearn.bridge import PairedNoise, paired_noise
+from cotlearn.couplings import (
+    ConditionalOT,
+    EmbeddedClusters,
+    Independent,
+    KMeansCondition,
+    MinibatchOT,
+    Transformed,
+    combine,
+)
+from cotlearn.mixtures import petals
+
+WITHIN = ConditionalOT(math.inf)
+
+
+def chunks(rows=24, steps=4, columns=3, seed=0):
+    return torch.randn(rows, steps, columns, generator=seeded(seed))
+
+
+def rank(noise, of):
+    """The row of `of` that each row of the noise is."""
+    return (noise.flatten(1)[:, None] == of.flatten(1)[None]).all(dim=2).long().argmax(dim=1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_it_is_the_cheapest_of_all_permutations(seed):
+    actions, noise = chunks(5, seed=seed), chunks(5, seed=100 + seed)
+    paired = paired_noise(MinibatchOT(), actions, noise=noise)
+    orders = itertools.permutations(range(5))
+    best = min(orders, key=lambda order: float((noise[list(order)] - actions).square().sum()))
+    assert torch.equal(paired, noise[list(best)])
+
+
+def test_labels_keep_each_row_within_its_class():
+    actions, labels, noise = chunks(12), torch.arange(12) % 2, chunks(12, seed=1)
+    paired = paired_noise(WITHIN, actions, labels, noise=noise, generator=seeded())
+    for label in (0, 1):  # within a class no exchange of two rows is cheaper
+        rows = (labels == label).nonzero()[:, 0]
+        for i, j in itertools.combinations(rows.tolist(), 2):
+            now = (paired[[i, j]] - actions[[i, j]]).square().sum()
+            assert now <= (paired[[j, i]] - actions[[i, j]]).square().sum() + 1e-5
+    hot = paired_noise(WITHIN, actions, torch.eye(2)[labels], noise=noise, generator=seeded())
+    assert torch.equal(paired, hot)
+    named = paired_noise(WITHIN, actions, labels * 70 + 5, noise=noise, generator=seeded())
+    assert torch.equal(paired, named)
+
+
+def test_its_own_noise_is_a_permutation_of_what_the_generator_draws():
+    actions = chunks()
+    paired = paired_noise(MinibatchOT(), actions, generator=seeded(3))
+    drawn = torch.randn(24, 12, generator=seeded(3)).view_as(actions)
+    assert sorted(rank(paired, drawn).tolist()) == list(range(24))
+    assert not paired.requires_grad
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_padded_columns_change_no_pair(seed):
+    actions, condition = chunks(32, 4, 6, seed), torch.randn(32, 3, generator=seeded(seed + 50))
+    noise = chunks(32, 4, 32, seed + 9)
+    padded = torch.nn.functional.pad(actions, (0, 26))
+    few = paired_noise(
+        ConditionalOT(), actions, condition, noise=noise[..., :6], generator=seeded()
+    )
+    many = paired_noise(ConditionalOT(), padded, condition, noise=noise, generator=seeded())
+    assert torch.equal(few, many[..., :6])
+    assert torch.equal(rank(many, noise), rank(few, noise[..., :6]))
+
+
+def test_what_stands_in_padded_steps_changes_no_pair():
+    actions, noise, is_pad = chunks(), chunks(seed=1), torch.zeros(24, 4, dtype=torch.bool)
+    is_pad[:8, 2:] = True
+    other = actions.masked_fill(is_pad[..., None], 50.0)
+    counted = paired_noise(MinibatchOT(), other, noise=noise)
+    a, b = (paired_noise(MinibatchOT(), x, is_pad=is_pad, noise=noise) for x in (actions, other))
+    assert torch.equal(a, b)
+    assert not torch.equal(a, counted)
+
+
+def test_a_dictionary_is_what_combine_makes_of_it():
+    actions, noise = chunks(), chunks(seed=1)
+    state, label = torch.randn(24, 2, 5, generator=seeded(2)), torch.arange(24) % 3
+    one = paired_noise(
+        WITHIN, actions, {"state": state, "task": label}, noise=noise, generator=seeded()
+    )
+    matrix = combine({"state": state.flatten(1), "task": torch.eye(3)[label]})
+    assert torch.equal(one, paired_noise(WITHIN, actions, matrix, noise=noise, generator=seeded()))
+
+
+def test_pictures_go_through_fitted_clusters():
+    kind = torch.arange(24) % 3
+    pictures = torch.rand(24, 3, 4, 4, generator=seeded()) * 0.1 + kind[:, None, None, None]
+    clusters = EmbeddedClusters(lambda rows: rows.mean(dim=1, keepdim=True), KMeansCondition(3))
+    clusters.fit(pictures.flatten(1))
+    actions, noise = chunks(), chunks(seed=1)
+    options = {"noise": noise, "generator": seeded()}
+    seen = paired_noise(ConditionalOT(math.inf, condition=clusters), actions, pictures, **options)
+    options["generator"] = seeded()
+    given = paired_noise(WITHIN, actions, clusters(pictures.flatten(1)), **options)
+    options["generator"] = seeded()
+    assert torch.equal(seen, given)
+    assert torch.equal(seen, paired_noise(WITHIN, actions, kind, **options))
+
+
+def test_a_frame_moves_and_turns_the_noise():
+    angle = torch.rand(24, 1, generator=seeded()) * 6
+    turn = torch.stack([angle.cos(), -angle.sin(), angle.sin(), angle.cos()], 1).view(24, 2, 2)
+
+    def forward(x, c):
+        return torch.einsum("bij,bj->bi", _turn(c), x)
+
+    def inverse(x, c):
+        return torch.einsum("bji,bj->bi", _turn(c), x)
+
+    def _turn(c):
+        a = c[:, :1]
+        return torch.stack([a.cos(), -a.sin(), a.sin(), a.cos()], 1).view(-1, 2, 2)
+
+    assert torch.allclose(_turn(angle), turn)
+    actions = torch.randn(24, 2, generator=seeded(1))
+    paired = paired_noise(
+        Transformed(MinibatchOT(), forward=forward, inverse=inverse), actions, angle,
+        generator=seeded(2),
+    )  # fmt: skip
+    drawn = torch.randn(24, 2, generator=seeded(2))
+    in_frame = forward(paired, angle)
+    assert torch.allclose(in_frame.norm(dim=1).sort()[0], drawn.norm(dim=1).sort()[0], atol=1e-5)
+    turned = forward(actions, angle)
+    assert (in_frame - turned).square().sum() < (drawn - turned).square().sum()
+
+
+@pytest.mark.parametrize("kind", [torch.float16, torch.bfloat16, torch.float64])
+def test_any_type_and_autocast(kind):
+    actions, condition = chunks().to(kind), torch.randn(24, 2).to(kind)
+    plain = paired_noise(ConditionalOT(), actions, condition, generator=seeded())
+    assert (plain.dtype, plain.shape) == (kind, actions.shape)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        mixed = paired_noise(ConditionalOT(), actions, condition, generator=seeded())
+    assert torch.equal(plain, mixed)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_a_smaller_last_batch(rows):
+    actions = chunks(rows)
+    noise = paired_noise(ConditionalOT(), actions, torch.arange(rows), generator=seeded())
+    assert torch.isfinite(noise).all()
+
+
+@pytest.mark.slow  # torch takes ten seconds before it compiles anything
+def test_a_compiled_step_trains_on_the_same_noise():
+    pairing = PairedNoise(ConditionalOT())
+    network = torch.nn.Linear(12, 12)
+    actions, condition = chunks(), torch.randn(24, 2)
+
+    def step():
+        noise = pairing(actions, condition).flatten(1)
+        noise = noise + paired_noise(ConditionalOT(), actions, condition).flatten(1)
+        return (network(noise) - (actions.flatten(1) - noise)).square().mean()
+
+    torch.manual_seed(0)
+    plain = step()
+    torch.manual_seed(0)
+    compiled = torch.compile(step, backend="eager")()
+    compiled.backward()
+    assert torch.equal(plain, compiled)
+
+
+test_refused = refused(
+    ({"actions": [1.0]}, TypeError, "actions must be a floating-point tensor"),
+    ({"actions": torch.ones(3, 2, dtype=torch.long)}, TypeError, "actions must be a floating"),
+    ({"actions": torch.full((3, 2), math.nan)}, ValueError, "actions has NaN"),
+    ({"noise": torch.ones(3, 2)}, ValueError, r"noise must have shape \(24, 4, 3\)"),
+    ({"is_pad": torch.zeros(24, 3)}, ValueError, r"is_pad must be \(B, T\)"),
+    ({"condition": [0] * 24}, TypeError, "condition must be a tensor or a dictionary"),
+    ({"condition": torch.ones(24, 3, 8, 8)}, ValueError, "condition has the shape of pictures"),
+    ({"condition": torch.ones(23, 1)}, ValueError, "c has 23 rows, x0 has 24"),
+    ({"condition": {"a": torch.ones(23, 3, 8, 8)}}, ValueError, r"condition\['a'\] has the shape"),
+    ({"coupling": ConditionalOT()}, TypeError, "ConditionalOT needs the conditions"),
+    ({"coupling": MinibatchOT(sampling="replacement")}, ValueError, "draws rows repeatedly"),
+    (
+        {"coupling": ConditionalOT(0.1, label="source"), "condition": torch.rand(24, 2)},
+        ValueError,
+        "coupling must only move rows of noise, but ConditionalOT",
+    ),
+    of=lambda coupling=MinibatchOT(), actions=chunks(), **options: paired_noise(  # noqa: B008
+        coupling, actions, **options
+    ),
+)
+
+
+# --- the warning ----------------------------------------------------------------------------------
+
+
+def test_sorted_noise_is_skewed_by_two_over_pi():
+    """Naive OT gives label -1 the lower half of the noise, whose mean is -(2/pi)^.5."""
+    pairing, labels = PairedNoise(MinibatchOT()), torch.arange(256) % 2
+    actions = 100 * (2.0 * labels[:, None] - 1)
+    torch.manual_seed(0)
+    for _ in range(99):
+        pairing(actions, labels)
+    with pytest.warns(RuntimeWarning, match=r"explains 6[2345]% of the variance of the noise"):
+        pairing(actions, labels)
+    assert pairing.skew().explained == pytest.approx(2 / math.pi, abs=0.02)
+
+
+@pytest.mark.parametrize("coupling", [ConditionalOT(), WITHIN, Independent()], ids=lambda k: k.name)
+def test_no_warning_where_the_noise_keeps_its_law(coupling):
+    pairing, generator = PairedNoise(coupling, generator=seeded()), seeded(1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(100):
+            pairing(*petals().sample(64, generator=generator))
+    assert abs(pairing.skew().explained) < 0.02
+
+
+def test_small_batches_are_tested_later():
+    pairing, labels = PairedNoise(MinibatchOT()), torch.tensor([0, 1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(159):  # 318 rows: fewer than 5 for each of 64 cells
+            pairing(100 * (2.0 * labels[:, None] - 1), labels)
+    with pytest.warns(RuntimeWarning, match="in 160 batches"):
+        pairing(100 * (2.0 * labels[:, None] - 1), labels)
+
+
+def test_skew_without_rows():
+    with pytest.raises(ValueError, match="skew needs noise that was paired with a condition"):
+        PairedNoise(MinibatchOT()).skew()
+    with pytest.raises(TypeError, match="coupling must be a coupling such as"):
+        PairedNoise("ot")
+
+
+# --- workers --------------------------------------------------------------------------------------
+
+
+class Paired:
+    """A collate function, which a spawned worker can import."""
+
+    def __init__(self, generator):
+        self.pairing = PairedNoise(WITHIN, generator=generator)
+
+    def __call__(self, rows):
+        x1, c = (torch.stack(part) for part in zip(*rows, strict=True))
+        return self.pairing(x1, c)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("start", "seed"), [("fork", 1), ("spawn", None)])
+def test_no_two_workers_hand_out_the_same_noise(start, seed):
+    """A generator cannot be sent to a spawned worker: torch refuses."""
+    x1, c = petals().sample(128, generator=seeded())
+    rows = TensorDataset(x1, c)
+
+    def sums(generator):
+        loader = DataLoader(
+            rows, 16, collate_fn=Paired(generator), num_workers=2, generator=seeded(7),
+            multiprocessing_context=start,
+        )  # fmt: skip
+        return [round(float(noise.double().sum()), 6) for _ in range(2) for noise in loader]
+
+    seen = sums(seed and seeded(seed))
+    assert len(set(seen)) == len(seen) == 16  # of two workers in two epochs
+    assert seen == sums(seed and seeded(2))  # the loader's seed decides, as in torch

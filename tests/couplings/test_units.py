@@ -1,0 +1,208 @@
+"""Conditions in different units: no column of c may decide alone, and none without a word."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+import torch
+from support import refused, seeded
+
+from cotlearn import couplings
+from cotlearn.couplings import ConditionalOT, KMeansCondition, OwnUnits, StratifiedOT, combine
+from cotlearn.couplings.units import TamedStandardiser
+from cotlearn.datasets import Standardiser
+from cotlearn.diagnostics import prior_skew
+from cotlearn.diagnostics.recommendation import candidates
+from cotlearn.mixtures import petals
+
+EXTRA = {
+    "standard": lambda n, g: torch.randn(n, 1, generator=g),
+    "a force": lambda n, g: 300 * torch.randn(n, 1, generator=g),
+    "a time": lambda n, g: 1.76e9 + 1e5 * torch.rand(n, 1, generator=g),
+    "a sentinel": lambda n, g: lost(torch.randn(n, 1, generator=g), 0.02, g),
+    "many sentinels": lambda n, g: lost(torch.randn(n, 1, generator=g), 0.2, g),
+    "a glitch": lambda n, g: torch.randn(n, 1, generator=g).index_fill(0, torch.tensor([3]), 1e10),
+    "tiny": lambda n, g: 1e-9 * torch.randn(n, 1, generator=g),
+}
+
+
+def lost(values, share, g):
+    return torch.where(torch.rand(values.shape, generator=g) < share, -9999.0, values)
+
+
+def batches(extra, seed, n=256, count=8):
+    g = seeded(seed)
+    for _ in range(count):
+        x1, label = petals().sample(n, generator=g)
+        yield torch.randn(n, 2, generator=g), x1, torch.cat([label, extra(n, g)], dim=1)
+
+
+def skew_by_label(coupling, extra, seed=0):
+    pairs = [coupling(*batch, generator=seeded(1)) for batch in batches(extra, seed)]
+    x0, c = (torch.cat([getattr(p, name) for p in pairs]) for name in ("x0", "c"))
+    return prior_skew(x0, c[:, :4], generator=seeded()).statistic
+
+
+@pytest.mark.parametrize("name", EXTRA)
+def test_by_default_a_column_in_other_units_skews_no_label(name):
+    """Naive OT has .5 here; a force, a time and a sentinel had .22, .28 and .49."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert max(skew_by_label(ConditionalOT(), EXTRA[name], seed) for seed in range(2)) < 0.08
+
+
+@pytest.mark.parametrize("name", ["a force", "a time", "a sentinel"])
+@pytest.mark.parametrize(
+    "coupling", [ConditionalOT("balanced"), ConditionalOT(1.0)], ids=["balanced", "1"]
+)
+def test_a_weight_on_the_columns_as_they_are_says_that_one_decides(coupling, name):
+    with pytest.warns(UserWarning, match="column 4 of c carries nearly all of the condition cost"):
+        coupling(*next(batches(EXTRA[name], 0)), generator=seeded())
+
+
+def test_other_couplings_with_a_weight_say_it_too():
+    x0, x1, c = next(batches(EXTRA["a force"], 0, n=48))
+    full = couplings.ModelAligned("full", condition_weight=1.0)
+    full.observe(torch.nn.Identity(), 0)
+    full._velocity = lambda t, x, c: torch.zeros_like(x)
+    for coupling in (full, couplings.SemidiscreteOT(1.0, iterations=2)):
+        with pytest.warns(UserWarning, match="column 4 of c carries nearly all"):
+            coupling(x0, x1, c)
+
+
+def test_of_one_hot_labels_nothing_changes():
+    """Equal shares or not: the units of a column with two values are their difference."""
+    g = seeded()
+    for shares in ([1.0] * 4, [0.7, 0.25, 0.04, 0.01]):
+        c = torch.eye(4)[torch.multinomial(torch.tensor(shares), 256, True, generator=g)]
+        assert torch.equal(
+            torch.cdist(OwnUnits.fit(c)(c), OwnUnits.fit(c)(c)), torch.cdist(*[c.double()] * 2)
+        )
+        x0, x1 = (torch.randn(256, 2, generator=g) for _ in range(2))
+        own, published = (
+            ConditionalOT(rule)(x0, x1, c, generator=seeded(2)) for rule in ("scaled", "balanced")
+        )
+        assert torch.equal(own.target_index, published.target_index)
+
+
+def test_one_column_pairs_as_by_the_published_rule():
+    g = seeded()
+    x0, x1, c = (
+        torch.randn(256, 2, generator=g),
+        torch.randn(256, 2, generator=g),
+        torch.rand(256, 1),
+    )
+    rules = [ConditionalOT(rule)(x0, x1, c, generator=seeded(1)) for rule in ("scaled", "balanced")]
+    assert torch.equal(rules[0].target_index, rules[1].target_index)
+
+
+def test_a_spread_is_robust_and_a_constant_column_stays_one():
+    x = torch.randn(4000, 1, generator=seeded(), dtype=torch.float64)
+    plain, spoilt = (float(OwnUnits.fit(lost(x, share, seeded(1))).spread) for share in (0, 0.02))
+    assert plain == pytest.approx(math.sqrt(2) * math.exp(-(0.5772 + math.log(2)) / 2), rel=0.1)
+    assert 1.2 < spoilt / plain < 1.7
+    for value in (0.0, 0.1, 1 / 3, 1e30):
+        c = torch.full((50, 1), value)
+        assert (OwnUnits.fit(c)(c) == 0).all()
+    jitter = torch.tensor([[0.3], [0.3 + 3e-8]]).repeat(20, 1)  # of rounding
+    assert (OwnUnits.fit(jitter)(jitter) == 0).all()
+    rare = torch.zeros(5000, 1).index_fill(0, torch.tensor([7]), 5.0)
+    assert OwnUnits.fit(rare).spread.item() == 5
+
+
+def test_far_values_come_near_and_none_merge():
+    c = torch.cat([torch.randn(300, 1, generator=seeded()), torch.tensor([[1e4], [1e6], [-1e6]])])
+    units = OwnUnits.fit(c)
+    assert torch.equal(units.tamed(c)[:300], c[:300])
+
+    a, b, d = units(c)[300:, 0].tolist()
+    assert 16 < a < b < 32
+    assert -32 < d < -16
+
+
+def test_clusters_do_not_spend_themselves_on_a_sentinel():
+    """By standard deviations the other rows would differ by a thousandth, and share a cluster."""
+    g = seeded()
+    c = lost(torch.randn(2000, 1, generator=g), 0.02, g)
+    fitted = KMeansCondition(8).fit(c)
+    inside = c[:, 0] > -100
+    assert len(fitted.labels(c)[inside].unique()) >= 5
+    ordinary = c[inside]
+    plain = KMeansCondition(8).fit(ordinary)
+    assert set(plain.state_dict()) == {"mean", "std", "centroids"}
+    assert torch.equal(plain.project(ordinary), Standardiser.fit(ordinary)(ordinary))
+    again = KMeansCondition(8)
+    again.load_state_dict(fitted.state_dict())
+    assert torch.equal(again.labels(c), fitted.labels(c))
+
+
+def test_strata_and_combined_conditions_keep_the_others_too():
+    pairs, sensor = (
+        [],
+        combine({"c": lost(torch.randn(900, 1, generator=seeded()), 0.02, seeded(1))}),
+    )
+    assert sensor[sensor > -2].std() > 0.2  # by its deviation: .001
+    for x0, x1, c in batches(EXTRA["a sentinel"], 0):
+        pairs.append(StratifiedOT(8)(x0, x1, c, generator=seeded()))
+    x0, c = (torch.cat([getattr(p, name) for p in pairs]) for name in ("x0", "c"))
+    assert prior_skew(x0, c[:, :4], generator=seeded()).statistic < 0.1
+
+
+def test_the_test_of_skew_sees_a_sensor_beside_its_sentinels():
+    g = seeded()
+    x0 = torch.randn(2000, 1, generator=g)
+    c = lost(x0 + 0.1 * torch.randn(2000, 1, generator=g), 0.02, g)
+    assert prior_skew(x0, c, generator=seeded()).statistic > 0.3
+
+
+@pytest.mark.parametrize("name", ["a force", "a sentinel"])
+def test_advice_measures_conditions_in_units_of_their_own(name):
+    x1, label = petals().sample(600, generator=seeded())
+    c = torch.cat([label, EXTRA[name](600, seeded(1))], dim=1)
+    offered = candidates(x1, c)["COT x 10"]
+    assert isinstance(offered.condition, OwnUnits)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        offered(torch.randn(600, 2, generator=seeded(2)), x1, c)
+    plain = candidates(x1, torch.cat([label, EXTRA["standard"](600, seeded(1))], dim=1))
+    assert plain["COT x 10"].condition is None  # as measured in the tables
+
+
+test_it_refuses = refused(
+    (lambda: ConditionalOT("robust"), ValueError, "one of scaled, balanced; got 'robust'"),
+)
+
+
+@pytest.mark.parametrize("name", EXTRA)
+def test_a_network_sees_every_column(name):
+    """What is near has a deviation of at least a tenth: beside a sentinel it had a 1,400th.
+
+    With a fifth of the rows at -9999 it has 0.7 % of the column's deviation, before 0.02 %.
+    """
+    c = torch.cat([EXTRA[name](2000, seeded(seed)) for seed in range(2)], dim=1).double()
+    scale = TamedStandardiser.fit(c)
+    seen = scale(c)
+    assert torch.allclose(seen.mean(dim=0), torch.zeros(2).to(seen), atol=1e-3)
+    assert torch.allclose(seen.std(dim=0, unbiased=False), torch.ones(2).to(seen), atol=1e-3)
+    for column, values in zip(seen.T, c.T, strict=True):
+        near = (values - values.median()).abs() < 1e6
+        near &= values != -9999
+        assert column[near].std() > (0.005 if name == "many sentinels" else 0.1)
+        assert len(column.unique()) == len(values.unique())  # none merge
+    assert np.array_equal(scale(c.numpy()), seen.numpy())
+    assert torch.equal(scale(c[:7]), seen[:7])
+
+
+def test_without_far_values_it_is_a_standardiser():
+    c = torch.cat([torch.randn(500, 2, generator=seeded(0)), torch.eye(5).repeat(100, 1)], dim=1)
+    assert torch.equal(TamedStandardiser.fit(c)(c), Standardiser.fit(c)(c))
+
+
+def test_one_glitch_does_not_make_the_others_equal():
+    """In float32 the values beside 1e10 counted as one value, rounded."""
+    c = EXTRA["a glitch"](2000, seeded(0))
+    assert 0.5 < float(OwnUnits.fit(c).spread) < 1.5
+    quarter = torch.arange(400)[:, None] % 4 * math.pi / 2
+    turns = torch.cat([quarter.cos(), quarter.sin()], dim=1)  # 0, up to rounding, and 1 and -1
+    assert torch.allclose(OwnUnits.fit(turns).spread, torch.tensor(1.15).double(), atol=0.1)

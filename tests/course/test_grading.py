@@ -1,0 +1,213 @@
+"""Grading a folder: whatever is handed in has a row, and costs nobody else's."""
+
+import csv
+import os
+import sys
+import time
+
+import handed_in
+import nbformat
+import pytest
+from handed_in import EULER
+
+from cotlearn.course import grading, kernel
+from cotlearn.course.kernel import Limits
+from cotlearn.course.marking import mark
+
+pytestmark = pytest.mark.slow
+LIMITS = Limits(seconds=4, gigabytes=0.5)
+
+MATCH = 'match "a":\n    case str(word):\n        TWO = 2\n    case _:\n        TWO = 3'
+#: State over cells, a star, magics, a shell, a cell that fails, one's own check.
+CELLS = ("this fails", "from torch import *", "d = {}", 'd["one"] = 1', "L = []", "L.append(1)")
+CELLS += ("ONE = 0", "ONE += 1", "class A: pass", "A.one = 1", MATCH, "%%capture words\nhalf = 0.5")
+CELLS += (
+    "%time two = TWO * half * 2",
+    "one = !echo 1",
+    "from cotlearn.course import check, passed",
+)
+CELLS += ('if not passed("hw1.euler"):\n    ONE = ONE * 1',)
+ALL = 'd["one"] * L[0] * ONE * A.one * two * half * len(one)'
+HONEST = EULER.replace("torch.full", "full").replace("range(nfe)", "arange(nfe).tolist()")
+HONEST = HONEST.replace("x = x0", f"display(nfe)\n    x = x0 * {ALL}")
+HONEST = f'get_ipython().run_line_magic("pwd", "")\n{HONEST}\ncheck(1, "hw1.euler")'
+
+LOOP = "while True: pass"
+MEMORY = f"a = []\nwhile True: a.append(bytearray(10**7))\n{EULER}"
+#: Answers, cells before them, points of 4, and words on the student's page.
+HAND_INS = {
+    "right": (f"{EULER}\nexit()", ("exit()", LOOP), 4, "✓ correct"),
+    "honest": (HONEST, CELLS, 4, "✓ correct"),
+    "stub": ("def euler(*given):\n    ...", (), 0, "not attempted"),
+    "wrong": (EULER.replace("k / nfe", "0"), (), 1, "t moves on"),
+    "loop": (f"def euler(*given):\n    {LOOP}", (LOOP,), 0, "is there a loop that never ends?"),
+    "os exit": (EULER.replace("x = x0", "import os; os._exit(0)"), (), 0, "ended Python (os._exit"),
+    "memory": (MEMORY, (), 0, "asked for more memory than it may have"),
+    "no python": (EULER.replace("nfe):", "nfe)"), (), 0, "your cell (number 2 of the notebook)"),
+}
+
+
+def grade(folder, masters, **options):
+    out = folder.parent / "grades.csv"
+    return grading.grade(folder, out, masters=masters, workers=2, limits=LIMITS, **options)
+
+
+def table(folder):
+    out = folder.parent / "grades.csv"
+    with out.open(encoding="utf-8-sig", newline="") as file:
+        return {row["file"]: row for row in csv.DictReader(file)}
+
+
+def hand_in(folder, name, euler, cells=()):
+    handed_in.write(folder / f"{name}.ipynb", handed_in.homework({"euler": euler}, extra=cells))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, masters):
+    """Work that was handed in, and graded once."""
+    folder = tmp_path_factory.mktemp("grading") / "handed in"
+    for name, (euler, cells, _, _) in HAND_INS.items():
+        hand_in(folder / "Zoë Müller", name, euler, cells)
+    hand_in(folder / ".ipynb_checkpoints", "hidden", EULER)
+    (folder / "damaged.ipynb").write_text("{")
+    (folder / "=1+1.ipynb").touch()
+    (folder / "no.ipynb").mkdir()
+    (folder / "report.pdf").touch()
+    grade(folder, masters)
+    return folder
+
+
+@pytest.mark.parametrize("name", HAND_INS)
+def test_a_hand_in_gets_its_points_and_a_page(folder, name):
+    *_, points, words = HAND_INS[name]
+    row = table(folder)[f"Zoë Müller/{name}.ipynb"]
+    assert (row["assignment"], row["points"], row["out_of"]) == ("hw1", f"{points}", "4")
+    page = folder.parent / "grades" / "Zoë Müller" / f"{name}.ipynb.md"
+    assert words in page.read_text(encoding="utf-8")
+
+
+def test_every_file_has_a_row(folder):
+    rows = table(folder)
+    notes = {
+        "'=1+1.ipynb": "not a readable notebook",
+        "damaged.ipynb": "not a readable notebook",
+        "no.ipynb": "it is a folder",
+        "report.pdf": "hand in the notebook",
+    }
+    assert rows.keys() == {f"Zoë Müller/{name}.ipynb" for name in HAND_INS} | notes.keys()
+    for name, note in notes.items():
+        assert note in rows[name]["note"]
+        assert rows[name]["points"] == "0"
+    page = folder.parent / "grades" / "damaged.ipynb.md"
+    assert page.read_text().startswith("# damaged.ipynb")
+
+
+def test_again_only_what_is_new_is_graded(folder, masters, monkeypatch):
+    before = table(folder)
+    hand_in(folder / "Zoë Müller", "late", EULER)
+    graded = []
+
+    def counted(path, **options):
+        graded.append(path.name)
+        return mark(path, **options)
+
+    monkeypatch.setattr(grading, "mark", counted)
+    rows = grade(folder, masters)
+    assert {row.file for row in rows if row.kept} == {f"Zoë Müller/{n}.ipynb" for n in HAND_INS}
+    assert set(graded) == {"late.ipynb", "=1+1.ipynb", "damaged.ipynb", "no.ipynb", "report.pdf"}
+    after = table(folder)
+    assert after.pop("Zoë Müller/late.ipynb")["points"] == "4"
+    assert after == before
+    for torn in (folder.parent / "grades" / ".known").iterdir():
+        torn.write_text("{")
+    (folder / "Zoë Müller" / "late.ipynb").unlink()
+
+
+def test_ctrl_c_keeps_what_was_graded(tmp_path, masters):
+    folder = tmp_path / "in"
+    hand_in(folder, "a", EULER)
+    hand_in(folder, "b", EULER.replace("x = x0", "import time; time.sleep(60)\n    x = x0"))
+
+    def stop(row, done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        grading.grade(
+            folder, tmp_path / "grades.csv", masters=masters, workers=1, limits=Limits(), each=stop
+        )
+    assert len(list((tmp_path / "grades" / ".known").iterdir())) == 1
+    assert not (tmp_path / "grades.csv").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names and kinds that only Linux has")
+def test_names_and_kinds_of_all_sorts(tmp_path, masters):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    with open(os.fsencode(folder) + b"/caf\xe9.ipynb", "wb") as file:
+        file.write(b"{")
+    (folder / ("n" * 245 + ".ipynb")).touch()
+    (folder / "red\x1b[31m.ipynb").touch()
+    (folder / "zero.ipynb").symlink_to("/dev/zero")
+    (folder / "elsewhere").symlink_to(tmp_path)
+    os.mkfifo(folder / "pipe.ipynb")
+    rows = {row.file: row for row in grade(folder, masters)}
+    names = {"caf\\udce9.ipynb", "n" * 245 + ".ipynb", "red\\x1b[31m.ipynb"}
+    assert rows.keys() == names | {"zero.ipynb", "pipe.ipynb"}
+    assert all(row.marked.note for row in rows.values())
+    assert len(list((tmp_path / "grades").rglob("*.md"))) == len(rows)
+
+
+def test_what_cannot_be_graded(tmp_path, masters):
+    out = tmp_path / "grades.csv"
+    with pytest.raises(ValueError, match="there is no notebook"):
+        grade(tmp_path, masters)
+    with pytest.raises(ValueError, match="folder must be a folder of notebooks"):
+        grade(tmp_path / "nowhere", masters)
+    with pytest.raises(ValueError, match=r"out must be a file such as grades\.csv"):
+        grading.grade(tmp_path, tmp_path, limits=LIMITS)
+    hand_in(tmp_path / "in", "hw1", EULER)
+    with pytest.raises(ValueError, match="there is no master notebook"):
+        grade(tmp_path / "in", tmp_path)
+    with pytest.raises(ValueError, match=r"hw1\.ipynb has no hidden tests"):
+        grade(tmp_path / "in", tmp_path / "in")
+    assert not out.exists()
+
+
+def test_limits_are_checked():
+    with pytest.raises(ValueError, match="seconds must be"):
+        Limits(seconds=0)
+    with pytest.raises(ValueError, match="gigabytes must be"):
+        Limits(gigabytes=-1)
+
+
+def test_another_version_is_noted_and_a_lesson_has_no_points(tmp_path):
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("import math")])
+    notebook.metadata["cotlearn"] = {"assignment": "02", "version": "7.2.0"}
+    handed_in.write(tmp_path / "mine.ipynb", notebook)
+    found = mark(tmp_path / "mine.ipynb")
+    assert found.note.startswith("made with cotlearn 7.2.0, marked with 0.")
+    assert [item.verdict for item in found.marks] == ["not yet"] * 3
+    assert found.out_of == 0
+    notebook.metadata["cotlearn"]["assignment"] = "hw9"
+    handed_in.write(tmp_path / "mine.ipynb", notebook)
+    with pytest.raises(ValueError, match="there is no assignment 'hw9'; did you mean: hw4"):
+        mark(tmp_path / "mine.ipynb")
+
+
+def test_what_fails_once_stops_nothing_later():
+    def work(item):
+        return 1 / item
+
+    with pytest.raises(ZeroDivisionError):
+        kernel.in_parallel(work, [0, 1], workers=1, then=lambda result: None)
+    assert not kernel._stopping.is_set()
+
+
+@pytest.mark.timeout(20)
+def test_what_has_not_begun_is_not_waited_for():
+    def work(seconds):
+        time.sleep(seconds)
+        return 1 / seconds
+
+    with pytest.raises(ZeroDivisionError):  # while the second sleeps; the others never begin
+        kernel.in_parallel(work, [0, 0.3, 0.3, 0.3], workers=1, then=lambda result: None)

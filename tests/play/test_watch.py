@@ -1,0 +1,46 @@
+"""`cotlearn watch` shows a policy on a page or in a GIF, and names what it cannot show."""
+
+import io
+
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from cotlearn.cli import app
+from cotlearn.course.assets import find_data
+
+RING = find_data("weights/arm_ring_residual.safetensors")
+
+
+def run(*words):
+    return CliRunner().invoke(app, ["watch", *map(str, words)])
+
+
+@pytest.mark.slow
+def test_a_page_and_a_film_of_a_policy(tmp_path):
+    page, gif = tmp_path / "watch.html", tmp_path / "watch.gif"
+    done = run("arm-ring", "--policy", RING, "--episodes", 1, "--out", page)
+    assert done.exit_code == 0, done.output
+    assert "arm_ring_residual: " in done.output
+    html = page.read_text("utf-8")
+    assert 'id="data-robots"' in html
+    assert 'id="data-samples"' not in html
+    assert run("arm-ring", "--policy", RING, "--episodes", 1, "--out", gif).exit_code == 0
+    assert Image.open(io.BytesIO(gif.read_bytes())).n_frames > 20
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("push-t", "--policy", RING), "must be of the task push-t, got one of arm-ring"),
+        (("arm-avoid", "--policy", RING), "task must be one of push-t, arm-ring"),
+        (("arm-ring", "--policy", "none.safetensors"), "no such file"),
+        (("arm-ring", "--policy", RING, "--out", "film.mov"), "suffix of out"),
+    ],
+)
+def test_what_cannot_be_shown_is_named(words, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = run(*words)
+    assert done.exit_code == 2
+    assert said in " ".join(done.output.split())
+    assert list(tmp_path.iterdir()) == []
