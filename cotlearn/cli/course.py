@@ -98,7 +98,7 @@ def run(
 ) -> None:
     """Executes notebooks without a browser and reports how long each took."""
     with reported():
-        from cotlearn.course import execution
+        from cotlearn.course import execution, pages
         from cotlearn.validation import check_output
 
         paths = [assets.find_notebook(name) for name in notebook or []]
@@ -117,8 +117,8 @@ def run(
             if inplace and not done.error:
                 execution.store(done)
             if html is not None:
-                execution.to_html(done, html)
-        index = execution.write_index(runs, html) if html is not None else None
+                pages.to_html(done, html)
+        index = pages.write_index(runs, html) if html is not None else None
     failed = sum(bool(item.error) for item in runs)
     if len(runs) > 1:
         seconds, claims = sum(item.seconds for item in runs), sum(item.claims for item in runs)

@@ -129,49 +129,11 @@ def store(run: Run) -> None:
     write_text(run.path, text if text.endswith("\n") else text + "\n")
 
 
-def to_html(run: Run, folder: Path) -> Path:
-    """Writes the executed notebook as an HTML page.
-
-    Args:
-        run: An executed notebook.
-        folder: The destination; created if it does not exist.
-
-    Returns:
-        The path of the page.
-    """
-    page = folder / f"{run.path.stem}.html"
-    body = _as_html(run.notebook, run.path.stem)
-    # Links between notebooks, also from and to a folder, become links between pages.
-    body = re.sub(r'href="(?:[\w.-]+/)?([\w.-]+)\.ipynb', r'href="\1.html', body)
-    write_text(page, body)
-    return page
-
-
-def write_index(runs: list[Run], folder: Path) -> Path:
-    """Writes `index.html` with links to the pages of `runs`, and returns its path."""
-    lines = ["# cotlearn\n"]
-    for run in runs:
-        end = f"; stopped at cell {run.failed}" if run.error else ""
-        facts = f"{run.seconds:.0f} s, {run.claims} claims hold{end}"
-        lines.append(f"- [{title(run.notebook)}](<{run.path.stem}.html>): {facts}")
-    index = nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell("\n".join(lines))])
-    page = folder / "index.html"
-    write_text(page, _as_html(index, "cotlearn"))
-    return page
-
-
 def title(notebook: nbformat.NotebookNode) -> str:
     """Returns the first heading of a notebook, or "untitled"."""
     prose = (cell.source for cell in notebook.cells if cell.cell_type == "markdown")
     found = re.search(r"^# (.+)$", "\n".join(prose), re.MULTILINE)
     return found[1].strip() if found else "untitled"
-
-
-def _as_html(notebook: nbformat.NotebookNode, name: str) -> str:
-    from nbconvert import HTMLExporter  # takes half a second, and most runs do without
-
-    resources = {"metadata": {"name": name}}
-    return str(HTMLExporter().from_notebook_node(notebook, resources=resources)[0])
 
 
 def environment() -> dict[str, str]:

@@ -32,7 +32,7 @@ def test_run_stores_outputs_and_pages(notebook, tmp_path):
     assert result.exit_code == 0, result.output
     assert "1 claim passed" in result.output
     assert nbformat.read(path, as_version=4).cells[1].outputs[0].data["text/plain"] == "42"
-    pages = {page.name for page in (tmp_path / "pages").iterdir()}
+    pages = {page.name for page in (tmp_path / "pages").glob("*.html")}
     assert pages == {"a notebook.html", "index.html"}
 
 
