@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from cotlearn.cli.terminal import console, reported
-from cotlearn.course import assets
+from cotlearn.course import assets, copies
 
 if TYPE_CHECKING:
     from cotlearn.course.grading import Row
@@ -28,7 +28,7 @@ _SIGNS = {"correct": "[green]✓[/]", "not yet": "[red]✗[/]", "not attempted y
 
 @app.command()
 def check(
-    notebook: Annotated[list[str], typer.Argument(help="Files, or numbers (01) in the course.")],
+    notebook: Annotated[list[str], typer.Argument(help="Files, or numbers (01) of your copies.")],
     seconds: _Seconds = 60,
     gigabytes: _Gigabytes = 4,
 ) -> None:
@@ -44,7 +44,7 @@ def check(
 
         limits = _limits(seconds, gigabytes)
         for name in notebook:
-            path = Path(name) if Path(name).exists() else assets.find_notebook(name)
+            path = Path(name) if Path(name).exists() else copies.find(name)
             found: list[Marked] = []
             in_parallel(partial(mark, limits=limits), [path], workers=1, then=found.append)
             _print(path, found[0])

@@ -17,6 +17,23 @@ from cotlearn.course.claims import count_claims
 from cotlearn.files import write_text
 from cotlearn.progress import progress_bar
 
+#: What JupyterLab writes about the kernel; the version of Python is left out, as it varies.
+METADATA = {
+    "kernelspec": {
+        "display_name": "Python 3 (ipykernel)",
+        "language": "python",
+        "name": "python3",
+    },
+    "language_info": {
+        "codemirror_mode": {"name": "ipython", "version": 3},
+        "file_extension": ".py",
+        "mimetype": "text/x-python",
+        "name": "python",
+        "nbconvert_exporter": "python",
+        "pygments_lexer": "ipython3",
+    },
+}
+
 
 @dataclass(frozen=True)
 class Run:
@@ -123,7 +140,7 @@ def read(path: Path) -> nbformat.NotebookNode:
 
 def store(run: Run) -> None:
     """Atomically replaces the original notebook by the executed one."""
-    run.notebook.metadata.setdefault("language_info", {}).pop("version", None)
+    run.notebook.metadata |= nbformat.from_dict(METADATA)
     run.notebook.metadata.pop("widgets", None)
     text = nbformat.writes(run.notebook)
     write_text(run.path, text if text.endswith("\n") else text + "\n")
