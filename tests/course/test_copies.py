@@ -12,7 +12,7 @@ from nbformat.v4 import new_code_cell, new_notebook, new_output
 from typer.testing import CliRunner
 
 from cotlearn import cli
-from cotlearn.course import assets, copies, progress
+from cotlearn.course import assets, copies, record
 
 LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)")
 
@@ -126,7 +126,7 @@ def test_git_does_not_see_the_copies():
 def test_check_and_grade_work_on_copies(tmp_path, monkeypatch):
     mine = tmp_path / "my-course"
     monkeypatch.setattr(copies, "folder", lambda: mine)
-    monkeypatch.setattr(progress, "file", lambda: tmp_path / "progress.json")
+    monkeypatch.setattr(record, "file", lambda: tmp_path / "progress.json")
     copies.make(mine)
     path = mine / "00_start_here.ipynb"
     notebook = nbformat.read(path, as_version=4)
@@ -135,7 +135,7 @@ def test_check_and_grade_work_on_copies(tmp_path, monkeypatch):
     nbformat.write(notebook, path)
     result = CliRunner().invoke(cli.app, ["check", "00"])
     assert "1 of 3 correct" in result.output
-    assert progress.read()["00.perfect_one_step"]["verdict"] == "correct"
+    assert record.read()["00.perfect_one_step"]["verdict"] == "correct"
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "hw1.ipynb").write_bytes((mine / "hw1.ipynb").read_bytes())
     out = ["--out", str(tmp_path / "grades.csv")]
