@@ -7,7 +7,6 @@ change of the data, `python -m cotlearn.course` rewrites `data/SHA256SUMS`.
 import difflib
 import hashlib
 import re
-import shutil
 from pathlib import Path
 
 from cotlearn.extras import REINSTALL
@@ -150,37 +149,6 @@ def _data_files() -> dict[str, Path]:
 
 def _sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Copies all notebooks into `folder` without overwriting existing files.
-
-    Homework goes beside the notebooks of the path, side rooms into folders of their names.
-
-    Args:
-        folder: The destination; created if it does not exist.
-
-    Returns:
-        The paths that were copied, and the existing paths that were kept.
-
-    Raises:
-        ValueError: If `folder` is a file.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"folder must be a directory, got the file {folder}")
-    folder.mkdir(parents=True, exist_ok=True)
-    homework = sorted((course_folder() / "notebooks" / "homework" / "student").glob("*.ipynb"))
-    copied, kept = [], []
-    places = {source: folder / source.name for source in [*notebooks(), *homework]}
-    places |= {source: folder / room / source.name for room in ROOMS for source in notebooks(room)}
-    for source, target in places.items():
-        target.parent.mkdir(exist_ok=True)
-        if target.exists():
-            kept.append(target)
-        else:
-            shutil.copyfile(source, target)
-            copied.append(target)
-    return copied, kept
 
 
 def not_found(kind: str, name: str, available: list[str], *, wanted: str | None = None) -> str:

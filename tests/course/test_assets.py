@@ -122,21 +122,6 @@ def test_a_person_can_refresh_and_check_them():
         path.write_bytes(before)
 
 
-def test_copies_never_overwrite(course, tmp_path):
-    target = tmp_path / "of mine"
-    target.mkdir()
-    (target / "01_first.ipynb").write_text("my work")
-    copied, kept = assets.copy_notebooks(target)
-    names = [path.relative_to(target).as_posix() for path in copied]
-    aside = [f"{room}/01_aside.ipynb" for room in assets.ROOMS]
-    assert names == ["00_start_here.ipynb", "10_last.ipynb", *aside]
-    assert [path.name for path in kept] == ["01_first.ipynb"]
-    assert (target / "01_first.ipynb").read_text() == "my work"
-    assert assets.copy_notebooks(target)[0] == []
-    with pytest.raises(ValueError, match="folder must be a directory"):
-        assets.copy_notebooks(target / "01_first.ipynb")
-
-
 def test_an_installed_wheel_has_the_course_inside(tmp_path, monkeypatch):
     package = tmp_path / "site-packages" / "cotlearn"
     (package / "_course" / "notebooks").mkdir(parents=True)
