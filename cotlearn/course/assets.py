@@ -6,8 +6,10 @@ change of the data, `python -m cotlearn.course` rewrites `data/SHA256SUMS`.
 
 import difflib
 import hashlib
+import json
+import os
 import re
-import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
 from cotlearn.extras import REINSTALL
@@ -19,6 +21,10 @@ SUMS = "SHA256SUMS"
 ROOMS = ("laboratory", "extras")
 
 _PACKAGE = Path(__file__).resolve().parents[1]
+#: A link or picture in a notebook, to a file.
+_LINK = re.compile(
+    r"(?P<image>!?)\[(?P<words>[^\]]*)\]\((?P<file>[^\s():#]+\.(?:ipynb|md|svg|png))(?P<part>#[^\s()]*)?\)"
+)
 _NUMBERED = re.compile(r"\d\d_.*\.ipynb")
 
 
@@ -173,14 +179,42 @@ def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
     copied, kept = [], []
     places = {source: folder / source.name for source in [*notebooks(), *homework]}
     places |= {source: folder / room / source.name for room in ROOMS for source in notebooks(room)}
+    places = {source.resolve(): target for source, target in places.items()}
     for source, target in places.items():
         target.parent.mkdir(exist_ok=True)
         if target.exists():
             kept.append(target)
         else:
-            shutil.copyfile(source, target)
+            copy_notebook(source, target, places)
             copied.append(target)
     return copied, kept
+
+
+def copy_notebook(source: Path, target: Path, places: Mapping[Path, Path]) -> None:
+    """Copies a notebook; its links lead to the copies, and where there is none become words.
+
+    Args:
+        source: The notebook.
+        target: The copy.
+        places: Every file that is copied -> its copy.
+    """
+    notebook = json.loads(source.read_text(encoding="utf-8"))
+
+    def moved(link: re.Match[str]) -> str:
+        there = (source.parent / link["file"]).resolve()
+        if there in places:
+            found = os.path.relpath(places[there], target.parent)
+            return f"[{link['words']}]({Path(found).as_posix()}{link['part'] or ''})"
+        name = Path(os.path.relpath(there, course_folder().resolve())).as_posix()
+        return (
+            f"*{link['words']}*" if link["image"] else f"{link['words']} (`{name}` in a checkout)"
+        )
+
+    for cell in notebook.get("cells", []):
+        if cell["cell_type"] == "markdown":
+            text = _LINK.sub(moved, "".join(cell["source"]))
+            cell["source"] = text.splitlines(keepends=True)
+    write_text(target, json.dumps(notebook, indent=1, ensure_ascii=False) + "\n")
 
 
 def not_found(kind: str, name: str, available: list[str], *, wanted: str | None = None) -> str:

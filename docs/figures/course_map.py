@@ -24,7 +24,7 @@ EVENING = {
     "07": "",
     "08": "",
 }
-WEEKS = {"1": ("00", "02"), "2": ("03", "04"), "3": ("07", "09"), "4": ("10", "99")}
+WEEKS = {"1": ("00", "02"), "2": ("03", "04"), "3": ("07", "10"), "4": ("11", "99")}
 #: What stands beside the path, next to which notebook, and the question that it answers.
 BESIDE = {
     "05": ("04", "should the model choose?"),

@@ -1,3 +1,5 @@
+import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -135,6 +137,18 @@ def test_copies_never_overwrite(course, tmp_path):
     assert assets.copy_notebooks(target)[0] == []
     with pytest.raises(ValueError, match="folder must be a directory"):
         assets.copy_notebooks(target / "01_first.ipynb")
+
+
+def test_no_link_of_a_copy_is_dead(tmp_path):
+    """Pages of docs/ are not installed, and 19 links led there; now they say where the page is."""
+    copied, _ = assets.copy_notebooks(tmp_path / "mine")
+    links = re.compile(r"\]\(([^\s():#]+)(?:#[^\s()]*)?\)")
+    for path in copied:
+        cells = json.loads(path.read_text("utf-8"))["cells"]
+        words = "".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
+        dead = [link for link in links.findall(words) if not (path.parent / link).exists()]
+        assert dead == [], path.name
+    assert "(`docs/speed.md` in a checkout)" in (tmp_path / "mine/02_couplings.ipynb").read_text()
 
 
 def test_an_installed_wheel_has_the_course_inside(tmp_path, monkeypatch):

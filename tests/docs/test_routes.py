@@ -89,6 +89,28 @@ def test_a_route_with_a_hole_is_found():
     assert missing(parts.items()) == expected
 
 
+def minutes(number, part=""):
+    """Minutes to read (these sections of) a notebook, and with all exercises, as its head says."""
+    [read_it, with_exercises] = re.search(
+        r"^\*\*Time\*\* (\d+) minutes to read, (\d+) with", prose(number), re.MULTILINE
+    ).groups()
+    share = len(read(number, part)) / len(read(number, ""))
+    return int(read_it) * share, int(with_exercises)
+
+
+def test_the_evening_takes_four_hours():
+    """As the first pages say."""
+    assert 210 <= sum(minutes(*stop)[0] for stop in course_map.EVENING.items()) <= 270
+
+
+@pytest.mark.parametrize("week", course_map.WEEKS)
+def test_a_week_takes_about_three_hours(week):
+    """The fourth took more than four."""
+    first, last = course_map.WEEKS[week]
+    inside = [number for number, _ in ROUTES["path"] if first <= number <= last]
+    assert 150 <= sum(minutes(number)[1] for number in inside) <= 210
+
+
 @pytest.mark.parametrize("page", ["README.md", "docs/index.md", "notebooks/00_start_here.ipynb"])
 def test_pages_name_the_route_of_the_map(page):
     assert f"Marked for one evening are {course_map.route()}." in (ROOT / page).read_text("utf-8")
