@@ -20,6 +20,7 @@ JupyterLab (`lab --port 9999`), notebooks (`slides 03 04`), files of tests (`tes
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import os
 import shutil
@@ -185,7 +186,9 @@ def main(arguments: list[str]) -> int:
     name, words = (arguments or ["help"])[0], arguments[1:]
     steps = commands(words)
     if name not in {*steps, "test"}:
-        print(f"{__doc__}\nthere are: test, {', '.join(steps)}; got {name}")
+        near = difflib.get_close_matches(name, [*steps, "test"], n=1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        print(f"{__doc__}\nthere are: test, {', '.join(steps)}; got {name}{hint}")
         return 2
     try:
         peers = name == "homework" or os.environ.get("COTLEARN_PEERS") == "1"

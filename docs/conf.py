@@ -53,6 +53,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinxcontrib.bibtex",
     "alternative_text",
+    "colab",
     "docstrings",
     "links",
     "playground",

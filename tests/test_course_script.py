@@ -219,3 +219,8 @@ def test_the_closing_line_stays_the_last(tmp_path):
     assert " 2 passed in " in lines[-1]
     assert any(re.match(r"00_tiny\.ipynb +\d+\.\d$", line) for line in lines)
     assert any("FAILED before: lint" in line for line in lines)
+
+
+def test_a_typo_gets_a_suggestion(script, capsys):
+    assert script.main(["tets"]) == 2
+    assert capsys.readouterr().out.endswith("got tets; did you mean test?\n")

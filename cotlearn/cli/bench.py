@@ -47,6 +47,7 @@ def bench(
         check_separate(data=data, tables=tables / "study.csv")
         check_separate(data=data, weights=weights / "file")
         setting, demonstrations = policies.setting(name, options, data)
+        policies.check_simulator(setting)
         run(
             setting,
             demonstrations,

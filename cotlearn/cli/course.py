@@ -19,12 +19,15 @@ from rich.text import Text
 
 from cotlearn.cli.terminal import console, reported, stop_missing
 from cotlearn.course import assets, copies
+from cotlearn.extras import how_to_install
 from cotlearn.interrupt import raise_again
 
 if TYPE_CHECKING:
     from cotlearn.course.execution import Run
 
 FIRST_NOTEBOOK = "00_start_here.ipynb"
+#: Settings of JupyterLab: no question about news.
+CONFIG = Path(__file__).with_name("jupyter")
 SECONDS_TO_END = 2  #: that JupyterLab has to end its kernels after Ctrl-C
 
 app = typer.Typer()
@@ -74,8 +77,11 @@ def lab(
         options.append("--allow-root")
     # This Python's own kernel comes before any other; one core, as in `cotlearn run`.
     kernels = [str(Path(sys.prefix) / "share" / "jupyter"), os.environ.get("JUPYTER_PATH", "")]
-    environment = {"OMP_NUM_THREADS": "1", **os.environ, "JUPYTER_PREFER_ENV_PATH": "1"}
+    quiet = {"OMP_NUM_THREADS": "1", "PYDEVD_DISABLE_FILE_VALIDATION": "1"}
+    environment = {**quiet, **os.environ, "JUPYTER_PREFER_ENV_PATH": "1"}
     environment["JUPYTER_PATH"] = os.pathsep.join(filter(None, kernels))
+    configured = [str(CONFIG), os.environ.get("JUPYTER_CONFIG_PATH", "")]
+    environment["JUPYTER_CONFIG_PATH"] = os.pathsep.join(filter(None, configured))
     command = [sys.executable, "-m", "jupyterlab", *options, *context.args]
     raise typer.Exit(_serve(command, environment))
 
@@ -176,7 +182,13 @@ def doctor() -> None:
         kind = "needed" if finding.required else "good to have"
         console.print(f"\n[bold]{escape(finding.name)}[/] ({kind}): fix it with")
         console.print(f"    {escape(finding.remedy)}")
-    broken = any(finding.required for finding in missing)
-    missing_or_not = "lacks something that it" if broken else "has all it"
-    console.print(f"\nThe course {missing_or_not} needs.")
-    raise typer.Exit(1 if broken else 0)
+    needed = [finding.name for finding in missing if finding.required]
+    others = [finding.name for finding in missing if not finding.required]
+    told = f"Needed and not there: {', '.join(needed)}. " if needed else ""
+    told += (
+        f"Not there, and some parts of the course need it: {', '.join(others)}." if others else ""
+    )
+    console.print(f"\n{escape(told.strip() or 'The course has all it needs.')}")
+    if any(finding.course for finding in missing):
+        console.print(f"All of the course at once: {escape(how_to_install('course'))}")
+    raise typer.Exit(1 if needed else 0)

@@ -6,6 +6,7 @@ import functools
 import inspect
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -104,6 +105,19 @@ def setting(name: str, options: dict[str, Any], data: Path | None) -> tuple[Sett
         shown = f"{data} holds demonstrations of {episodes.task.name}"
         raise ValueError(f"{shown}, but {name} needs those of {task.name}")
     return found, episodes
+
+
+def check_simulator(setting: Setting) -> None:
+    """Checks, before a training, that its policy can be rolled out after it.
+
+    Raises:
+        ModuleNotFoundError: a package that simulates the task is not installed.
+    """
+    from cotlearn.robots.registry import find_task
+
+    for package in find_task(setting.task).packages:
+        if find_spec(package) is None:
+            raise ModuleNotFoundError(name=package)
 
 
 def numbers(text: str, name: str) -> list[int]:

@@ -35,6 +35,8 @@ def train(
         checkpoint = out.with_name(f"{out.stem}.training.safetensors")
         check_separate(data=data, out=out, checkpoint=checkpoint)
         setting, chosen = policies.setting(name, options, data)
+        if rollouts:
+            policies.check_simulator(setting)
         if episodes is not None:
             chosen = chosen.select(range(min(episodes, len(chosen))))
         used = with_choice(coupling, chosen, setting.options)

@@ -14,6 +14,7 @@ import random
 import re
 import signal
 import sys
+import textwrap
 import threading
 from collections.abc import Callable
 from types import FrameType
@@ -29,6 +30,7 @@ SOON = (2e-6, 6e-5)  #: seconds between later ones, at random: the range of thei
 MIME = "application/vnd.cotlearn+json"
 #: The exit code of a kernel in which a cell asked for more memory than there is.
 OUT_OF_MEMORY = 77
+TOO_LONG = "ran for longer than"  #: how the sentence on an endless loop begins
 
 _NAME = re.compile(r"(\d\d|hw\d)\.[a-z0-9_]+")
 _Check = Callable[..., None]
@@ -129,7 +131,7 @@ def check(answer: object, name: str) -> Verdict:
         print("✓ correct")
     else:
         not_yet = verdict is Verdict.NOT_YET
-        print(f"✗ not yet: {sentence}" if not_yet else f"not attempted yet: {name}")
+        print(wrapped(f"✗ not yet: {sentence}") if not_yet else f"not attempted yet: {name}")
     if record.in_notebook():
         record.remember({name: verdict})
     return verdict
@@ -241,7 +243,7 @@ def _watched(function: Any) -> Callable[..., Any]:
 
 def too_long(seconds: float) -> str:
     """Describes an answer that ran too long."""
-    words = f"ran for longer than {seconds:g} seconds and was stopped"
+    words = f"{TOO_LONG} {seconds:g} seconds and was stopped"
     return f"{words}; is there a loop that never ends?"
 
 
@@ -259,6 +261,11 @@ def said(error: BaseException) -> str:
     if isinstance(error, EOFError):
         return "waited for input, and nobody is there to type"
     return f"raised {type(error).__name__}: {text[:300]}"
+
+
+def wrapped(text: str) -> str:
+    """Returns a text in lines of at most 80 characters; JupyterLab breaks longer ones in words."""
+    return textwrap.fill(text, 80, break_long_words=False, break_on_hyphens=False)
 
 
 def printable(text: str, most: int = 500) -> str:

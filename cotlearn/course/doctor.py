@@ -28,6 +28,7 @@ class Finding:
         ok: whether that state is good enough.
         required: whether the course needs it.
         remedy: a command that fixes it.
+        course: whether it is a package of the extra `course`.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Finding:
     ok: bool
     required: bool = True
     remedy: str = ""
+    course: bool = False
 
 
 def examine() -> list[Finding]:
@@ -80,9 +82,10 @@ def check_packages() -> list[Finding]:
             what = f'-e "{root}[dev]" -c "{root / "constraints.txt"}"'
         found = f"{version} (supported: {wanted.specifier})"
         fits = version != "missing" and wanted.specifier.contains(version, prereleases=True)
-        required = root is not None or marker is None or marker.evaluate({"extra": ""})
+        course = marker is not None and not marker.evaluate({"extra": ""})
+        required = root is not None or not course
         remedy = f'"{sys.executable}" -m pip install {what}'
-        findings.append(Finding(wanted.name, found, ok=fits, required=required, remedy=remedy))
+        findings.append(Finding(wanted.name, found, fits, required, remedy, course))
     return findings
 
 

@@ -13,7 +13,7 @@ from typing import TypeVar
 import cotlearn
 from cotlearn.course import submissions
 from cotlearn.course.assignments import Question, find
-from cotlearn.course.checking import Verdict, printable
+from cotlearn.course.checking import TOO_LONG, Verdict, printable
 from cotlearn.course.kernel import Ended, Kernel, Limits, started
 from cotlearn.course.submissions import Cell, Submission
 
@@ -131,10 +131,20 @@ class _Marking:
             except Ended as end:
                 ended = True
                 self.left_out[self.step] = str(end)
+                self._leave_out_calls(str(end))
             if not self._open() or (cells == whole and not ended):
                 break
             cells = whole
         return [self.marks.get(asked.name) or _lost(asked) for asked in self.questions]
+
+    def _leave_out_calls(self, why: str) -> None:
+        """An answer that never ended is not called again: each of its calls would take as long."""
+        if TOO_LONG not in why or isinstance(self.step, int):
+            return
+        [asked] = [asked for asked in self.questions if asked.name == self.step[0]]
+        for cell in self.submission.cells:
+            if f"{asked.answer}(" in cell.source and not any(map(cell.defines, self.questions)):
+                self.left_out.setdefault(cell.number, why)
 
     def _open(self) -> list[Question]:
         """The questions of which another try may find more."""

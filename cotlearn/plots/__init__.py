@@ -13,6 +13,7 @@ from cotlearn.plots.fields import contours, net, outlines, velocity_field
 from cotlearn.plots.images import image_grid, picture_grid
 from cotlearn.plots.motion import animate, film, gif
 from cotlearn.plots.points import (
+    over_data,
     pair_lines,
     paired_source,
     scatter,
@@ -58,6 +59,7 @@ __all__ = [
     "label_of",
     "net",
     "outlines",
+    "over_data",
     "pair_lines",
     "paired_source",
     "panels",

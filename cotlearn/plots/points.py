@@ -72,6 +72,32 @@ def scatter(
     return finish_plane(ax, title, limit)
 
 
+def over_data(
+    x: Numbers, data: Numbers, *, coupling: str, ax: Axes | None = None, title: str = ""
+) -> Axes:
+    """Draw samples of one method over data; the panel shows where the data are, and a margin.
+
+    Args:
+        x: (n, 2) samples, in the method's colour.
+        data: (m, 2), larger and in grey behind them.
+        coupling: name of the method, as in `LOOKS`.
+        ax: Axes to draw into; a new figure by default.
+        title: title of the panel.
+    """
+    points, behind = as_array(x, "n", 2), as_array(data, "m", 2)
+    ax = open_plane(ax)
+    color = style.style_of(coupling)["color"]
+    ax.scatter(behind[:, 0], behind[:, 1], s=14, color="#c4c4c4", lw=0)
+    ax.scatter(points[:, 0], points[:, 1], s=7, color=color, alpha=0.7, lw=0)
+    low, high = behind.min(axis=0), behind.max(axis=0)
+    margin = 0.15 * (high - low) + 1e-3
+    (left, down), (right, up) = low - margin, high + margin
+    ax.set(xlim=(left, right), ylim=(down, up))
+    ax.set_title(title, fontsize="small")
+    ax.locator_params(nbins=4)
+    return ax
+
+
 def pair_lines(
     x0: Numbers, x1: Numbers, c: Numbers = None, *, size: float = 14.0, **options: Any
 ) -> Axes:

@@ -61,6 +61,7 @@ MEANS = {
 }
 EXECUTORS = ("local", "dask", "ray")
 Row = dict[str, Any]
+Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -85,9 +86,11 @@ class Bench:
     weights: Path
     note: str = ""
 
-    def cell(self, method: Method, seed: int) -> tuple[list[Row], list[Row]]:
+    def cell(self, method: Method, seed: int, say: Say) -> tuple[list[Row], list[Row]]:
         """The rows of a method and a seed for the two tables: of episodes, and of the study."""
+        say(f"chooses its options on {len(self.training)} demonstrations")
         options = method.settle(with_choice(method, self.training, self.setting.options))
+        say(f"trains, {options.steps} steps")
         policy = self.trained(method, seed, options)
         held = policy.windows.dataset(self.held, label=options.label)
         named = self.named(method, seed, options)
@@ -95,6 +98,7 @@ class Bench:
         study: list[Row] = []
         for sampler in samplers(policy):
             drawn = policy.with_sampler(sampler)
+            say(f"plays {self.episodes} episodes, evaluations for a chunk: {sampler.nfe}")
             done = rollout(drawn, seeds=range(REPORTED, REPORTED + self.episodes))
             scores = {
                 "sampler": sampler.name,
@@ -237,7 +241,7 @@ def bench(
     train_episodes: int | None = None,
     note: str = "",
     executor: str = "local",
-    say: Callable[[str], None] = print,
+    say: Say = print,
 ) -> None:
     """Fill the cells that are missing in the tables.
 
@@ -259,7 +263,7 @@ def bench(
         executor: "local", one cell after the other in this process; "dask" or "ray", in the workers
             of the cluster that DASK_SCHEDULER_ADDRESS or RAY_ADDRESS names, else in one worker for
             each core of this machine.
-        say: where a line about each cell goes.
+        say: where lines go: what each cell does, if it does it in this process, and what came out.
 
     Raises:
         ValueError: an unknown method or executor, or weights of other options in the folder.
@@ -277,8 +281,10 @@ def bench(
         stored = read_rows(study_table)
         missing = [cell for cell in cells if not work.is_done(stored, *cell)]
     say(f"{len(cells)} cells, {len(cells) - len(missing)} done already")
+    if missing and executor != "local":
+        say("a line comes when a cell is done")
     with opened(executor) as each:
-        computed = each(partial(_computed, work), missing)
+        computed = each(partial(_computed, work, say if executor == "local" else _silent), missing)
         for number, (name, seconds, played, study) in enumerate(computed, start=1):
             if played:
                 append(episodes_table, played, EPISODE_KEY)
@@ -287,11 +293,17 @@ def bench(
             say(f"[{number}/{len(missing)}] {name}: success {won}; {seconds:.0f} s")
 
 
-def _computed(work: Bench, cell: tuple[Method, int]) -> tuple[str, float, list[Row], list[Row]]:
+def _computed(
+    work: Bench, say: Say, cell: tuple[Method, int]
+) -> tuple[str, float, list[Row], list[Row]]:
     """The rows of a cell, with its name and how long it took."""
-    started = time.perf_counter()
-    episodes, study = work.cell(*cell)
-    return f"{cell[0].name}-{cell[1]}", time.perf_counter() - started, episodes, study
+    started, name = time.perf_counter(), f"{cell[0].name}-{cell[1]}"
+    episodes, study = work.cell(*cell, lambda words: say(f"{name}: {words}"))
+    return name, time.perf_counter() - started, episodes, study
+
+
+def _silent(words: str) -> None:
+    """What a worker says, whose lines nobody would see."""
 
 
 @contextlib.contextmanager

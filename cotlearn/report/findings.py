@@ -23,6 +23,7 @@ TRAININGS = ("independent", "recommended")  #: words in the names of their check
 FEWEST, FEWEST_OUT = 100, 20  #: rows to train on, and held out
 MOST = 20_000  #: rows that are trained on; more are left out at random
 NFE = (1, 2, 4, 16)
+IN_WORDS = {2: "two", 4: "four", 16: "sixteen"}
 DRAWS, TEST_ROWS = 16, 1000  #: samples for each of so many held-out conditions
 NETWORK = {"width": 128, "depth": 3}
 BATCH = 256
@@ -39,6 +40,7 @@ class Trial:
         scores: (NFE, n) energy score of each held-out row in standard units; small is good.
         spread: (NFE,) variance of the samples of one condition, summed over columns, mean over
             conditions.
+        drawn: (NFE, n, d) one sample for the condition of each held-out row, in standard units.
         model: what was trained.
     """
 
@@ -46,6 +48,7 @@ class Trial:
     coupling: str
     scores: Tensor
     spread: Tensor
+    drawn: Tensor
     model: FewStepModel
 
     def at(self, nfe: int) -> float:
@@ -89,48 +92,70 @@ class Findings:
         gain = (self.trials[0].scores - self.trials[-1].scores)[NFE.index(nfe)]
         return float(gain.mean()), float(gain.std()) / len(gain) ** 0.5
 
+    @property
+    def needed(self) -> int | None:
+        """The evaluations with which independent pairs come within 1 % of what was chosen."""
+        free, tried = self.trials[0], self.trials[-1]
+        target = free.at(NFE[-1]) if self.chosen is free else tried.at(1)
+        return next((n for n in NFE if free.at(n) <= target * (1 + NEAR)), None)
+
+    @property
+    def coupling(self) -> Coupling:
+        """The coupling to use, without rows of these data."""
+        return Independent() if self.chosen is self.trials[0] else self.advice.coupling
+
     def headline(self) -> str:
-        """The gain at one evaluation in percent, and the coupling to use."""
+        """What one step becomes, the gain in percent, and the coupling to use."""
         free, tried = self.trials[0], self.trials[-1]
         gain, error = (100 * value / free.at(1) for value in self.gain(1))
         if tried is free:
             if self.advice.regression_wins:
                 return "Use a regression: the data hardly vary, or are too few to learn how."
             return "No gain expected: use independent pairs."
-        found = f"{gain:+.1f} % (95 % interval {gain - 2 * error:.1f} to {gain + 2 * error:.1f})"
+        interval = f"(95 % interval {gain - 2 * error:.1f} to {gain + 2 * error:.1f})"
         if self.chosen is tried:
-            return f"{found} at one evaluation: use {tried.name}."
+            steps = IN_WORDS.get(self.needed or 0)
+            like = f"as good as {steps}, and " if steps else ""
+            like = like if self.needed else f"better than {IN_WORDS[NFE[-1]]}, and "
+            return (
+                f"One step becomes {like}{gain:.1f} % better than independent pairs at one "
+                f"{interval}: use {tried.name}."
+            )
+        found = f"{gain:+.1f} % {interval}"
         word = "A loss" if gain < -2 * error else "No gain shown"
         return f"{word}, {found}, at one evaluation with {tried.name}: use independent pairs."
 
     def verdict(self) -> str:
         """One paragraph: what the trained models say about the recommendation."""
         free, tried = self.trials[0], self.trials[-1]
-        target = free.at(NFE[-1]) if self.chosen is free else tried.at(1)
-        needed = next((n for n in NFE if free.at(n) <= target * (1 + NEAR)), None)
+        needed = self.needed
         share = float(free.spread[0] / self.advice.spread.within)  # inf where there is none
         own = (
-            f"Independent pairs score {free.at(1):.3g} at one evaluation, where their samples have "
-            f"at least {100 * share:.0f} % of the variance within conditions (a regression: 0 %), "
-            f"and {free.at(NFE[-1]):.3g} at {NFE[-1]}. "
+            f"Independent pairs have an error of {free.at(1):.3g} at one evaluation, where their "
+            f"samples for one condition have at least {100 * share:.0f} % of the variance that the "
+            "data have there (0 %: all are their mean), and an error of "
+            f"{free.at(NFE[-1]):.3g} at {NFE[-1]}. "
         )
         if self.chosen is free:
             near = f"{needed} evaluation{'s come' if needed != 1 else ' comes'} within 1 % of that."
-            own += "Fewer evaluations score worse by over 1 %." if needed == NFE[-1] else near
+            own += "Fewer evaluations are worse by over 1 %." if needed == NFE[-1] else near
         if tried is free:
             return own
         probes = self.advice.frontier[tried.name], self.advice.frontier["independent"]
         foreseen = 100 - 100 * probes[0].one_step_score / probes[1].one_step_score
         gain, error = self.gain(1)
-        kept = "held" if gain > 2 * error else "was refuted" if gain < -2 * error else "is open"
-        first = f"The sign of the probe's forecast for {tried.name}, {foreseen:+.1f} %, {kept}"
-        if kept == "is open":
+        first = f"Before the training a small test network foresaw {foreseen:+.1f} % for "
+        first += f"{tried.name}; the training "
+        if abs(gain) > 2 * error:
+            first += f"shows a {'gain, too' if gain > 0 else 'loss'}"
+        else:
             least = 200 * error / free.at(1)
-            first += f": {len(self.test)} held-out rows show only gains above {least:.1f} %"
+            first += f"shows neither gain nor loss: {len(self.test)} held-out rows show only "
+            first += f"gains above {least:.1f} %"
         if self.chosen is tried:
             words = {None: f"do not reach that with {NFE[-1]}", 1: "reach that with one, too"}
             need = words.get(needed, f"need {needed} evaluations for that")
-            own += f"{tried.name} scores {target:.3g} at one; independent pairs {need}."
+            own += f"{tried.name} has {tried.at(1):.3g} at one; independent pairs {need}."
         late, late_error = self.gain(NFE[-1])
         ahead = tried.name if late > 0 else "independent"
         better = f"{ahead} is better by {abs(late):.2g}"
@@ -208,7 +233,8 @@ def examine(
         made = [torch.stack([integrate(network, z, test.c, nfe=n).x1 for z in noise]) for n in NFE]
         scores = torch.stack([energy_scores(drawn, test.x1) for drawn in made])
         spread = torch.stack([drawn.var(dim=0).sum(dim=1).mean() for drawn in made])
+        first = torch.stack([drawn[0] for drawn in made])
         model = FewStepModel(network, x, c, about)
-        trials.append(Trial(name, coupling.name, scores, spread, model))
+        trials.append(Trial(name, coupling.name, scores, spread, first, model))
     settings = {"seed": seed, "steps": steps, "probe_steps": probe_steps, "pairs": pairs}
     return Findings(rows, train, test, advice, tuple(trials), settings)

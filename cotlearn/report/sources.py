@@ -1,6 +1,6 @@
 """Reads your own data: arrays, an .npz, a LeRobot folder, a Diffusion Policy zarr."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,11 +36,13 @@ class Rows:
         data: x1 (n, d) and c (n, k), float32.
         group: (n,), rows with the same number are never split between training and test.
         about: where it comes from, a few words.
+        code: Python that reads it again from its file; empty if it came as arrays.
     """
 
     data: Dataset
     group: NDArray[np.int64]
     about: str
+    code: str = ""
 
 
 def read_data(path: str | Path, *, observe: int = 2, predict: int = 16) -> Rows:
@@ -63,7 +65,7 @@ def read_data(path: str | Path, *, observe: int = 2, predict: int = 16) -> Rows:
     """
     path = check_input(path)
     if path.suffix == ".npz":
-        return _read_npz(path)
+        return replace(_read_npz(path), code=f"read_data({str(path)!r})")
     if is_buffer(path):
         state, action, ends = read_buffer(path, ("data/state", "data/obs"))
     elif tables(path):
@@ -72,7 +74,9 @@ def read_data(path: str | Path, *, observe: int = 2, predict: int = 16) -> Rows:
         action = columns[ACTION]
     else:
         raise ValueError(f"{path} is of no known layout: expected {EXPECTED}")
-    return from_episodes(state, action, ends, observe=observe, predict=predict, name=path.name)
+    steps = f"observe={observe}, predict={predict}"
+    rows = from_episodes(state, action, ends, observe=observe, predict=predict, name=path.name)
+    return replace(rows, code=f"read_data({str(path)!r}, {steps})")
 
 
 def from_arrays(

@@ -14,8 +14,17 @@ from matplotlib.patches import FancyBboxPatch
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGET = Path(__file__).resolve().with_suffix(".svg")
-EVENING = {"00": "", "02": "", "03": "", "04": "sections 1 to 3", "08": ""}
-WEEKS = {"1": ("00", "02"), "2": ("03", "04"), "3": ("07", "09"), "4": ("10", "99")}
+#: On the evening's route, and which part of it; empty: all.
+EVENING = {
+    "00": "",
+    "01": "",
+    "02": "",
+    "03": "sections 1 to 4",
+    "04": "sections 1 to 4",
+    "07": "",
+    "08": "",
+}
+WEEKS = {"1": ("00", "02"), "2": ("03", "04"), "3": ("07", "10"), "4": ("11", "99")}
 #: What stands beside the path, next to which notebook, and the question that it answers.
 BESIDE = {
     "05": ("04", "should the model choose?"),
@@ -45,6 +54,12 @@ def titles() -> dict[str, str]:
 def described() -> str:
     """All rooms in words, which the figure stores."""
     return "; ".join(f"{name} {title}" for name, title in titles().items())
+
+
+def route() -> str:
+    """The evening's route in words, as pages quote it."""
+    stops = [f"{part} of {number}" if part else number for number, part in EVENING.items()]
+    return f"{', '.join(stops[:-1])} and {stops[-1]}"
 
 
 def box(ax: Axes, across: tuple[float, float], y: float, lines: tuple[str, str], on: bool) -> None:

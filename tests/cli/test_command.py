@@ -30,6 +30,35 @@ def test_a_missing_package(package, extra, capsys):
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("task", "package"), [("push-t", "pymunk"), ("arm-ring", "mujoco")])
+@pytest.mark.parametrize("command", ["train", "bench"])
+def test_a_simulator_is_looked_for_before_the_training(
+    command, task, package, monkeypatch, tmp_path
+):
+    """On a base installation a policy was trained for three minutes before this was said."""
+
+    def trains(*_, **__):
+        raise AssertionError("the training began")
+
+    there = cli.policies.find_spec
+    monkeypatch.setattr(cli.policies, "find_spec", lambda n: None if n == package else there(n))
+    monkeypatch.setattr("cotlearn.policies.training.train", trains)
+    monkeypatch.setattr("cotlearn.policies.bench.train", trains)
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(cli.app, [command, task])
+    assert result.exit_code == 2
+    assert f"{package} is not installed; install it with: pip install '.[course]'" in result.output
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_training_without_rollouts_needs_no_simulator(monkeypatch, tmp_path):
+    monkeypatch.setattr(cli.policies, "find_spec", lambda n: None)
+    words = ["train", "push-t", "--rollouts", "0", "--steps", "1", "--episodes", "3"]
+    out = tmp_path / "p.safetensors"
+    result = CliRunner().invoke(cli.app, [*words, "--coupling", "independent", "--out", str(out)])
+    assert (result.exit_code, out.exists()) == (0, True), result.output
+
+
 def test_a_command_gets_the_shared_options_that_were_given():
     app, seen = typer.Typer(), []
 

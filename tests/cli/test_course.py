@@ -1,3 +1,5 @@
+import os
+import subprocess
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -141,6 +143,35 @@ def test_doctor_passes_when_only_luxuries_are_missing(monkeypatch):
     luxury = doctor.Finding("images", "none", ok=False, required=False, remedy="apt get [them]")
     result = examined(monkeypatch, good, luxury)
     assert (result.exit_code, "apt get [them]" in result.output) == (0, True)
+    assert "Not there, and some parts of the course need it: images." in result.output
+    assert "has all it needs" not in result.output
+    assert "has all it needs" in examined(monkeypatch, good).output
+
+
+def test_doctor_names_what_a_base_installation_lacks(monkeypatch):
+    """It ended in "The course has all it needs", without JupyterLab and the simulators."""
+    needed = ["numpy>=1", 'nope>=1; extra == "course"', 'never>=1; extra == "course"']
+    monkeypatch.setattr(doctor.metadata, "requires", lambda name: needed)
+    monkeypatch.setattr(doctor.assets, "checkout", lambda: None)
+    result = examined(monkeypatch, *doctor.check_packages())
+    assert result.exit_code == 0
+    assert "some parts of the course need it: nope, never." in result.output
+    assert "All of the course at once: pip install '.[course]'" in result.output
+
+
+@pytest.mark.parametrize(("typed", "meant"), [("repot", "report"), ("doktor", "doctor")])
+def test_a_typo_of_a_command_gets_a_suggestion(typed, meant):
+    assert f"Did you mean '{meant}'?" in invoke(typed).output
+
+
+def test_lab_asks_nothing_about_news():
+    """JupyterLab's toast, and a warning of the debugger for each kernel."""
+    found = {**os.environ, "JUPYTER_CONFIG_PATH": str(course.CONFIG)}
+    code = "import json; from jupyterlab_server.config import get_page_config as g;"
+    code += "print(json.dumps(g([])['disabledExtensions']))"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=found, capture_output=True, text=True, check=False)
+    assert "@jupyterlab/apputils-extension:announcements" in done.stdout, done.stderr
 
 
 def test_doctor_fails_when_something_needed_is_missing(monkeypatch):

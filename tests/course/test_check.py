@@ -73,8 +73,8 @@ def test_a_wrong_answer_gets_a_sentence(answer, sentence, capsys):
     assert check(answer, "99.double") is Verdict.NOT_YET
     printed = capsys.readouterr().out
     assert printed.startswith("✗ not yet: ")
-    assert sentence in printed
-    assert printed.count("\n") == 1
+    assert sentence in " ".join(printed.split())
+    assert max(map(len, printed.splitlines())) <= 80  # JupyterLab would break words
 
 
 def test_an_endless_loop_is_stopped(monkeypatch, capsys):
@@ -85,7 +85,7 @@ def test_an_endless_loop_is_stopped(monkeypatch, capsys):
 
     monkeypatch.setattr(checking, "TIME_LIMIT", 0.2)
     assert check(endless, "99.double") is Verdict.NOT_YET
-    assert "is there a loop that never ends?" in capsys.readouterr().out
+    assert "is there a loop that never ends?" in " ".join(capsys.readouterr().out.split())
 
 
 def bare(x):
@@ -123,7 +123,7 @@ def test_a_loop_that_swallows_everything_is_stopped(monkeypatch, capsys, answer)
     monkeypatch.setattr(checking, "WAITS", (0.05,))
     before = signal.getsignal(signal.SIGALRM)
     assert check(answer, "99.double") is Verdict.NOT_YET
-    assert "is there a loop that never ends?" in capsys.readouterr().out
+    assert "is there a loop that never ends?" in " ".join(capsys.readouterr().out.split())
     assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
     assert signal.getsignal(signal.SIGALRM) is before
 

@@ -10,7 +10,7 @@ import nbformat
 import pytest
 from handed_in import EULER
 
-from cotlearn.course import grading, kernel
+from cotlearn.course import grading, kernel, marking
 from cotlearn.course.kernel import Limits
 from cotlearn.course.marking import mark
 
@@ -121,6 +121,26 @@ def test_again_only_what_is_new_is_graded(folder, masters, monkeypatch):
     for torn in (folder.parent / "grades" / ".known").iterdir():
         torn.write_text("{")
     (folder / "Zoë Müller" / "late.ipynb").unlink()
+
+
+def test_an_endless_loop_costs_its_time_once(tmp_path, masters, monkeypatch):
+    """Each cell that called the answer took the whole time again: four hand-ins, 250 s."""
+    runs = []
+    kernels = marking.started
+
+    def counted(*given):
+        runs.append(given)
+        return kernels(*given)
+
+    monkeypatch.setattr(marking, "started", counted)
+    calls = ("euler(None, None, 1)", "print(euler(None, None, 2))", "x = euler(None, None, 3)")
+    notebook = handed_in.homework({"euler": f"def euler(*given):\n    {LOOP}"})
+    notebook.cells[2:2] = [nbformat.v4.new_code_cell(call) for call in calls]
+    handed_in.write(tmp_path / "a.ipynb", notebook)
+    found = mark(tmp_path / "a.ipynb", hidden=True, masters=masters, limits=LIMITS)
+    assert len(runs) == 2
+    assert [item.points for item in found.marks] == [0]
+    assert "never ends" in found.marks[0].sentence
 
 
 def test_ctrl_c_keeps_what_was_graded(tmp_path, masters):

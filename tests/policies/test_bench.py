@@ -72,6 +72,13 @@ def test_rows_are_added_once(run):
     assert run(["independent"])[0] == ["1 cells, 1 done already"]
 
 
+def test_a_cell_says_what_it_does(run):
+    """With one short cell nothing was said for two minutes."""
+    said = run(["independent"])[0]
+    assert "independent-0: trains, 20 steps" in said
+    assert [line.split()[-1] for line in said if "plays 2 episodes" in line] == ["1", "2", "16"]
+
+
 def test_other_options_are_rows_of_the_study_alone(run, tmp_path):
     run(["independent"])
     other = replace(SMALL, options=replace(SMALL.options, steps=10))
