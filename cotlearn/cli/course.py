@@ -52,8 +52,8 @@ def lab(
     """
     if importlib.util.find_spec("jupyterlab") is None:
         stop_missing("JupyterLab")
-    own = to.resolve() if to is not None else copies.folder()
     with reported():
+        own = to.resolve() if to is not None else copies.folder()
         first = own / FIRST_NOTEBOOK
         for name in fresh or []:
             first, old = copies.renew(name, own, outputs=with_outputs)
@@ -65,8 +65,8 @@ def lab(
         console.print(
             f"{len(copied)} notebooks copied to {escape(str(own))}{note}, {len(kept)} kept"
         )
-    checkout = assets.checkout()
-    root = checkout if checkout is not None and own.is_relative_to(checkout) else own
+    course = assets.course_folder()
+    root = course if own.is_relative_to(course) else own
     page = first.relative_to(root).as_posix()
     options = [f"--ServerApp.root_dir={root}", f"--LabApp.default_url=/lab/tree/{page}"]
     options.append("--ServerApp.contents_manager_class=cotlearn.course.saving.SameEverywhere")

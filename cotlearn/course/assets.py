@@ -1,15 +1,19 @@
-"""Finds the notebooks and data of the course by name, in a checkout or an installed wheel.
+"""Finds the notebooks and data of the course by name, in its checkout.
+
+An installed package has neither; it finds those of the checkout in which it is used.
 
 A data file is checked against its SHA-256 sum in `data/SHA256SUMS` when it is looked up. After a
 change of the data, `python -m cotlearn.course` rewrites `data/SHA256SUMS`.
 """
 
+import contextlib
 import difflib
 import hashlib
+import itertools
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
-from cotlearn.extras import REINSTALL
 from cotlearn.files import write_text
 
 #: In the folder `data/`: one line per file, in the format of the program `sha256sum`.
@@ -22,15 +26,36 @@ _NUMBERED = re.compile(r"\d\d_.*\.ipynb")
 
 
 def checkout() -> Path | None:
-    """Returns the root of the checkout that this package is imported from, or None in a wheel."""
-    root = _PACKAGE.parent
-    found = (root / "pyproject.toml").is_file() and (root / "course.py").is_file()
-    return root if found else None
+    """Returns the root of the course's checkout, or None.
+
+    It is the one that this package is imported from, or else the one that we are in.
+    """
+    for root in itertools.chain([_PACKAGE.parent], _here()):
+        if all((root / name).is_file() for name in ("course.py", f"data/{SUMS}")):
+            return root
+    return None
+
+
+def _here() -> Iterator[Path]:
+    """The current folder and those above it; none if it was removed."""
+    with contextlib.suppress(OSError):
+        here = Path.cwd()
+        yield from (here, *here.parents)
 
 
 def course_folder() -> Path:
-    """Returns the folder that holds `notebooks/` and `data/`."""
-    return checkout() or _PACKAGE / "_course"
+    """Returns the folder that holds `notebooks/` and `data/`.
+
+    Raises:
+        ValueError: If there is no checkout.
+    """
+    root = checkout()
+    if root is None:
+        raise ValueError(
+            "the course's notebooks and data are not part of the installed package: clone or "
+            "unpack the course, and run this in its folder"
+        )
+    return root
 
 
 def notebooks(room: str = "") -> list[Path]:
@@ -134,11 +159,9 @@ def write_sums() -> Path:
 def remedy(name: str, folder: str = "data") -> str:
     """Returns the shell command that restores a file of `data/`, or of another folder.
 
-    Both are for the folder of a checkout.
+    It is for the folder of a checkout.
     """
-    if checkout() is not None:
-        return f"git checkout -- {folder}/{name}"
-    return REINSTALL
+    return f"git checkout -- {folder}/{name}"
 
 
 def _data_files() -> dict[str, Path]:

@@ -12,12 +12,12 @@ from pathlib import Path
 from cotlearn.course import assets
 from cotlearn.files import write_text
 
-FOLDER = "my-course"  #: in a checkout, or in the folder where an installed package is used
+FOLDER = "my-course"  #: in the checkout
 
 
 def folder() -> Path:
     """Returns the folder of the copies, which may not exist yet."""
-    return (assets.checkout() or Path.cwd()) / FOLDER
+    return assets.course_folder() / FOLDER
 
 
 def originals() -> dict[str, Path]:

@@ -114,11 +114,10 @@ def test_lab_with_a_display_opens_a_browser(launched, monkeypatch):
     assert len(launched[0][0]) == 7  # the folder, the first page, how to save, and no question
 
 
-def test_lab_from_a_wheel_copies_once(launched, tmp_path, monkeypatch):
-    source = tmp_path / "installed" / "notebooks"
+def test_lab_copies_once_to_a_folder_elsewhere(launched, tmp_path, monkeypatch):
+    source = tmp_path / "a checkout" / "notebooks"
     source.mkdir(parents=True)
     (source / "00_start_here.ipynb").write_text('{"cells": []}')
-    monkeypatch.setattr(assets, "checkout", lambda: None)
     monkeypatch.setattr(assets, "course_folder", lambda: source.parent)
     target = tmp_path / "my work"
     assert "1 notebooks copied" in invoke("lab", "--to", str(target)).output

@@ -89,14 +89,6 @@ def test_one_changed_byte_is_refused_by_name(course, name):
     assert not doctor.check_data().ok
 
 
-def test_a_damaged_file_of_a_wheel_is_installed_again(course, monkeypatch):
-    assets.write_sums()
-    (course / "data" / "deep" / "table.npz").write_bytes(b"2")
-    monkeypatch.setattr(assets, "checkout", lambda: None)
-    with pytest.raises(ValueError, match=r"pip install --force-reinstall --no-deps \.$"):
-        assets.find_data("deep/table.npz")
-
-
 def test_results_and_texts_have_no_sum(course):
     for name in ("results/mac.json", "results/deep/cell.json", "README.md", ".hidden/part"):
         (course / "data" / name).parent.mkdir(parents=True, exist_ok=True)
@@ -122,12 +114,23 @@ def test_a_person_can_refresh_and_check_them():
         path.write_bytes(before)
 
 
-def test_an_installed_wheel_has_the_course_inside(tmp_path, monkeypatch):
-    package = tmp_path / "site-packages" / "cotlearn"
-    (package / "_course" / "notebooks").mkdir(parents=True)
-    monkeypatch.setattr(assets, "_PACKAGE", package)
+def test_an_installed_package_finds_the_checkout_that_it_is_used_in(tmp_path, monkeypatch):
+    monkeypatch.setattr(assets, "_PACKAGE", tmp_path / "site-packages" / "cotlearn")
+    monkeypatch.chdir(tmp_path)
     assert assets.checkout() is None
-    assert assets.course_folder() == package / "_course"
+    with pytest.raises(ValueError, match="not part of the installed package: clone or unpack"):
+        assets.find_data("push_t_demos.npz")
+    root = Path(__file__).resolve().parents[2]
+    monkeypatch.chdir(root / "notebooks" / "extras")
+    assert assets.checkout() == assets.course_folder() == root
+
+
+def test_a_folder_that_was_removed_is_no_checkout(tmp_path, monkeypatch):
+    monkeypatch.setattr(assets, "_PACKAGE", tmp_path / "site-packages" / "cotlearn")
+    (gone := tmp_path / "gone").mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert assets.checkout() is None
 
 
 def test_this_checkout_is_found():
