@@ -54,12 +54,16 @@ def test_the_wheel_is_the_library_and_finds_a_checkout(tmp_path):
     [wheel] = tmp_path.glob("*.whl")
     assert wheel.name.startswith(f"cotlearn-{cotlearn.__version__}-")
     assert wheel.stat().st_size < 1e6, "the library's wheel is small"
-    site, mine = tmp_path / "site", tmp_path / "my course"
+    site, mine = tmp_path / "site-packages", tmp_path / "my course"
     zipfile.ZipFile(wheel).extractall(site)
     assert (site / "cotlearn" / "py.typed").is_file()
     licences = {path.name for path in site.rglob("LICENSE*")}
     assert licences == {"LICENSE", "LICENSE-TEXT.md"}
-    start = f"import sys; sys.path.insert(0, {str(site)!r}); from cotlearn.cli import main; main()"
+    path = f"import sys; sys.path.insert(0, {str(site)!r}); "
+    pairs = "import numpy, cotlearn.couplings.assignment as a; a.exact_permutation(numpy.eye(64))"
+    subprocess.run([sys.executable, "-I", "-B", "-c", path + pairs], check=True)
+    assert list(site.rglob("*.nbi")) == [], "pip would not remove them"
+    start = path + "from cotlearn.cli import main; main()"
 
     def lab(folder):
         command = [sys.executable, "-I", "-c", start, "lab", "--to", str(mine), "--version"]
