@@ -12,8 +12,8 @@ CODE = re.compile(r"(``.+?``|`[^`]+`)")
 SPECIAL = re.compile(r"([|*\\]|(?<=\w)_(?!\w))")
 #: What makes a line one with a formula: a power, or a sum or difference of noise and data.
 FORMULA = re.compile(r"\^|\bx[01] [-+] |[-+] (?:\w )?x[01]\b")
-INDEX = re.compile(r"\b([A-Za-z])(?:_(\w|\{[^}]*\})|([01]))(?![\w:])")
-POWER = re.compile(r"\^(\w|\*|\\\*|\{[^}]*\}|\([^)]*\))")
+INDEX = re.compile(r"\b([A-Za-z]+?)([01]?)(?:\\?_(\w|\{[^}]*\})|(?<=[A-Za-z][01]))(?![\w:])")
+POWER = re.compile(r"\^(\w+|\*|\\\*|\{[^}]*\}|\([^)]*\))")
 ITEM = re.compile(r"\s*- ")
 
 
@@ -30,7 +30,8 @@ def typeset(text: str) -> str:
     """Return a line without code in which x0, x_t and x^2 have their index or power in place."""
     if not FORMULA.search(text):
         return text
-    text = INDEX.sub(lambda m: rf"{m[1]}\ :sub:`{(m[2] or m[3]).strip('{}')}`\ ", text)
+    text = INDEX.sub(lambda m: rf"{m[1]}\ :sub:`{','.join(filter(None, m.groups()[1:]))}`\ ", text)
+    text = re.sub(r":sub:`(.*?)\{(.*?)\}`", r":sub:`\1\2`", text)
     return POWER.sub(lambda m: rf"\ :sup:`{m[1].strip('{}')}`\ ", text)
 
 

@@ -101,7 +101,8 @@ def box(ax: Axes, across: tuple[float, float], y: float, lines: tuple[str, str],
 
 def main() -> None:
     """Write the map, with the names of all its rooms as its description."""
-    plt.rcParams.update({"svg.hashsalt": "map", "font.family": "DejaVu Sans"})
+    fonts = ["DejaVu Sans", "sans-serif"]  # as text, which is short and can be read
+    plt.rcParams.update({"svg.hashsalt": "map", "svg.fonttype": "none", "font.family": fonts})
     rooms = titles()
     path = [name for name in rooms if name not in BESIDE]
     high = height()
