@@ -175,7 +175,11 @@ def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"folder must be a directory, got the file {folder}")
     folder.mkdir(parents=True, exist_ok=True)
-    homework = sorted((course_folder() / "notebooks" / "homework" / "student").glob("*.ipynb"))
+    given_out = course_folder() / "notebooks" / "homework"
+    homework = [
+        *sorted((given_out / "student").glob("*.ipynb")),
+        *given_out.glob("challenge.ipynb"),
+    ]
     copied, kept = [], []
     places = {source: folder / source.name for source in [*notebooks(), *homework]}
     places |= {source: folder / room / source.name for room in ROOMS for source in notebooks(room)}
