@@ -123,8 +123,6 @@ def install(*what: str) -> None:
 
 def commands(words: list[str]) -> dict[str, list[list[str]]]:
     """Returns the programs that each command runs, one after the other."""
-    notebooks = [f"notebooks/{word}*.ipynb" for word in words or [""]]
-    slides = ["--to", "slides", "--config", "docs/slides.py", "--output-dir", "build/slides"]
     site = ["-nqW", "--keep-going", "-c", "docs", "-d", "build/doctrees", ".", "build/site"]
     tried = ["tests/course/test_mistakes.py", "tests/course/test_masters.py"]
     some = ["tests/couplings/test_base.py", "tests/flows/test_solvers.py", "tests/test_mixtures.py"]
@@ -134,7 +132,7 @@ def commands(words: list[str]) -> dict[str, list[list[str]]]:
         "check": [["cotlearn", "doctor"], ["python", "-m", "pytest", "-q", *some]],
         "course": [["cotlearn", "run", "--html", "build/course", *words]],
         "docs": [["codespell"], ["sphinx-build", *site]],
-        "slides": [["jupyter", "nbconvert", *slides, *notebooks]],
+        "slides": [["python", "docs/slides.py", "build/slides", *words]],
         "homework": [["cotlearn", "homework", *words], ["python", "-m", "pytest", "-q", *tried]],
         "release": [["python", "release.py", *words]],
         "bridge": [["python", "tests/bridge/with_lerobot.py", *words]],

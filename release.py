@@ -4,8 +4,8 @@
     python release.py --oldest      # unit tests with the oldest dependencies of pyproject.toml
     python release.py --newest      # and with the newest
 
-It takes what is committed, nothing else; tries the wheel in an empty environment, far from the
-checkout; builds and packs the site; and prints the commands that publish.
+It takes what is committed, nothing else; tries the wheel in an empty environment, in a clone of
+this checkout; builds and packs the site; and prints the commands that publish.
 """
 
 import os
@@ -48,12 +48,11 @@ def build(source: Path, tools: Path) -> Path:
 
 
 def try_wheel(wheel: Path, source: Path, folder: Path) -> None:
-    """Do what a first user does: copy the notebooks, ask the doctor, run the first lesson."""
+    """Do what a first user does in a checkout: copy the notebooks, ask the doctor, run a lesson."""
     constraints: list[str | Path] = ["--constraint", source / "constraints.txt"]
     programs = new_environment(folder / "empty", f"{wheel}[course]", *constraints)
-    (elsewhere := folder / "elsewhere").mkdir()
-    for words in ("lab --to course --version", "doctor", "run course/00_start_here.ipynb"):
-        run(programs / "cotlearn", *words.split(), folder=elsewhere)
+    for words in ("lab --version", "doctor", "run my-course/00_start_here.ipynb"):
+        run(programs / "cotlearn", *words.split(), folder=source)
 
 
 def build_site(source: Path, version: str) -> Path:

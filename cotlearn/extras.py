@@ -1,8 +1,5 @@
 """How to install what is optional: from the checkout, because no release is in any registry."""
 
-#: For a package whose own files are damaged.
-REINSTALL = "pip install --force-reinstall --no-deps ."
-
 
 def how_to_install(extra: str) -> str:
     """The command that installs an extra of pyproject.toml, in the checkout's folder.

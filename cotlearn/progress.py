@@ -11,6 +11,14 @@ LINE_EVERY = 60  #: seconds between two lines where a bar cannot be drawn
 _LINE = "{desc}: {n_fmt} of {total_fmt}, {elapsed} so far, {remaining} left{postfix}\n"
 
 
+def watched() -> bool:
+    """Whether somebody looks: in a terminal or a notebook, unless COTLEARN_PROGRESS decides."""
+    ipython, switch = sys.modules.get("IPython"), os.environ.get(SWITCH)
+    kernel = hasattr(ipython and ipython.get_ipython(), "kernel")  # in a notebook
+    seen = sys.stderr.isatty() or (kernel and "CI" not in os.environ)
+    return switch != "0" if switch else seen
+
+
 def progress_bar(*, total: int, initial: int = 0, what: str = "", show: bool | None = None) -> Any:
     """A tqdm progress bar in terminals and notebooks, and elsewhere a line a minute.
 
@@ -25,9 +33,7 @@ def progress_bar(*, total: int, initial: int = 0, what: str = "", show: bool | N
     ipython, switch = sys.modules.get("IPython"), os.environ.get(SWITCH)
     kernel = hasattr(ipython and ipython.get_ipython(), "kernel")  # in a notebook
     lines = show is None and not switch and not kernel and not sys.stderr.isatty()
-    if show is None:
-        seen = sys.stderr.isatty() or (kernel and "CI" not in os.environ)
-        show = switch != "0" if switch else seen
+    show = watched() if show is None else show
     seldom: dict[str, Any] = {"delay": LINE_EVERY, "mininterval": LINE_EVERY, "miniters": 1}
     options = {**seldom, "bar_format": _LINE} if lines else {"leave": False}
     return tqdm(total=total, initial=initial, desc=what, disable=not (show or lines), **options)

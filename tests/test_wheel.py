@@ -1,4 +1,4 @@
-"""What a release needs: one version everywhere, and a wheel that carries the course.
+"""What a release needs: one version everywhere, and a small wheel.
 
 `make release` builds and tries it in an empty environment; here the wheel of this checkout is
 unpacked and tried with the packages of this environment, without the network.
@@ -48,24 +48,35 @@ def test_the_citation_is_of_this_project():
 
 
 @pytest.mark.slow
-def test_the_wheel_carries_the_course(tmp_path):
+def test_the_wheel_is_the_library_and_finds_a_checkout(tmp_path):
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     [wheel] = tmp_path.glob("*.whl")
     assert wheel.name.startswith(f"cotlearn-{cotlearn.__version__}-")
-    assert wheel.stat().st_size < 100e6, "larger than PyPI takes"
-    site, empty = tmp_path / "site", tmp_path / "empty"
+    assert wheel.stat().st_size < 1e6, "the library's wheel is small"
+    site, mine = tmp_path / "site-packages", tmp_path / "my course"
     zipfile.ZipFile(wheel).extractall(site)
-    empty.mkdir()
     assert (site / "cotlearn" / "py.typed").is_file()
     licences = {path.name for path in site.rglob("LICENSE*")}
     assert licences == {"LICENSE", "LICENSE-TEXT.md"}
-    start = f"import sys; sys.path.insert(0, {str(site)!r}); from cotlearn.cli import main; main()"
-    lab = [sys.executable, "-I", "-c", start, "lab", "--to", "my course", "--version"]
-    subprocess.run(lab, cwd=empty, check=True, capture_output=True)
-    copied = sorted((empty / "my course").rglob("*.ipynb"))
+    path = f"import sys; sys.path.insert(0, {str(site)!r}); "
+    pairs = "import numpy, cotlearn.couplings.assignment as a; a.exact_permutation(numpy.eye(64))"
+    subprocess.run([sys.executable, "-I", "-B", "-c", path + pairs], check=True)
+    assert list(site.rglob("*.nbi")) == [], "pip would not remove them"
+    start = path + "from cotlearn.cli import main; main()"
+
+    def lab(folder):
+        command = [sys.executable, "-I", "-c", start, "lab", "--to", str(mine), "--version"]
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+    done = lab(tmp_path)
+    assert (done.returncode, mine.exists()) == (2, False), done.stderr
+    assert "not part of the installed package" in " ".join((done.stdout + done.stderr).split())
+    assert lab(ROOT / "notebooks").returncode == 0
+    copied = sorted(mine.rglob("*.ipynb"))
     copied[0].write_text("my own")
-    subprocess.run(lab, cwd=empty, check=True, capture_output=True)  # copies nothing over
-    there = {path.name for path in (ROOT / "notebooks").rglob("*.ipynb")}
+    assert lab(ROOT).returncode == 0  # copies nothing over
+    there = (ROOT / "notebooks").rglob("*.ipynb")
+    there = {path.name for path in there if path.parent.name != ".ipynb_checkpoints"}
     assert {path.name for path in copied} == there
     assert copied[0].read_text() == "my own"

@@ -18,7 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cotlearn.cli.terminal import console, reported, stop_missing
-from cotlearn.course import assets
+from cotlearn.course import assets, copies
 from cotlearn.extras import how_to_install
 from cotlearn.interrupt import raise_again
 
@@ -37,19 +37,39 @@ app = typer.Typer()
 def lab(
     context: typer.Context,
     to: Annotated[
-        Path, typer.Option(help="Folder to which an installed package copies the notebooks.")
-    ] = Path("cotlearn-course"),
+        Path | None, typer.Option(help=f"Folder of your copies; default: {copies.FOLDER}.")
+    ] = None,
+    fresh: Annotated[
+        list[str] | None, typer.Option(help="Start this notebook (03) over; yours is kept.")
+    ] = None,
+    with_outputs: Annotated[
+        bool, typer.Option("--with-outputs", help="New copies keep the stored outputs.")
+    ] = False,
 ) -> None:
-    """Opens the course in JupyterLab; other options, such as --port, go to JupyterLab."""
+    """Opens your copies of the notebooks in JupyterLab; other options, as --port, go to it.
+
+    The first time they are copied, without outputs; later only those that are new.
+    """
     if importlib.util.find_spec("jupyterlab") is None:
         stop_missing("JupyterLab")
-    root, first = assets.checkout(), f"notebooks/{FIRST_NOTEBOOK}"
-    if root is None:
-        root, first = to.resolve(), FIRST_NOTEBOOK
-        with reported():
-            copied, kept = assets.copy_notebooks(root)
-        console.print(f"{len(copied)} notebooks copied to {escape(str(root))}, {len(kept)} kept")
-    options = [f"--ServerApp.root_dir={root}", f"--LabApp.default_url=/lab/tree/{first}"]
+    with reported():
+        own = to.resolve() if to is not None else copies.folder()
+        first = own / FIRST_NOTEBOOK
+        for name in fresh or []:
+            first, old = copies.renew(name, own, outputs=with_outputs)
+            was = f"; yours is now {escape(old.name)}" if old is not None else ""
+            console.print(f"{escape(first.name)} starts over{was}")
+        copied, kept = copies.make(own, outputs=with_outputs)
+    if copied:
+        note = "" if with_outputs else ", outputs cleared"
+        console.print(
+            f"{len(copied)} notebooks copied to {escape(str(own))}{note}, {len(kept)} kept"
+        )
+    course = assets.course_folder()
+    root = course if own.is_relative_to(course) else own
+    page = first.relative_to(root).as_posix()
+    options = [f"--ServerApp.root_dir={root}", f"--LabApp.default_url=/lab/tree/{page}"]
+    options.append("--ServerApp.contents_manager_class=cotlearn.course.saving.SameEverywhere")
     options.append("--ServerApp.answer_yes=True")  # Ctrl-C ends it without a question
     if not _has_display():
         options.append("--no-browser")
@@ -104,7 +124,7 @@ def run(
 ) -> None:
     """Executes notebooks without a browser and reports how long each took."""
     with reported():
-        from cotlearn.course import execution
+        from cotlearn.course import execution, pages
         from cotlearn.validation import check_output
 
         paths = [assets.find_notebook(name) for name in notebook or []]
@@ -123,8 +143,8 @@ def run(
             if inplace and not done.error:
                 execution.store(done)
             if html is not None:
-                execution.to_html(done, html)
-        index = execution.write_index(runs, html) if html is not None else None
+                pages.to_html(done, html)
+        index = pages.write_index(runs, html) if html is not None else None
     failed = sum(bool(item.error) for item in runs)
     if len(runs) > 1:
         seconds, claims = sum(item.seconds for item in runs), sum(item.claims for item in runs)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from cotlearn.cli.terminal import console, reported
-from cotlearn.course import assets
+from cotlearn.course import copies
 
 if TYPE_CHECKING:
     from cotlearn.course.grading import Row
@@ -23,12 +22,11 @@ app = typer.Typer()
 _Seconds = Annotated[float, typer.Option(min=1, help="Time for a cell or a test, in s.")]
 _Gigabytes = Annotated[float, typer.Option(min=0.1, help="GB per notebook (only on Linux).")]
 _Masters = Annotated[Path | None, typer.Option(help="Folder of masters; default: the course's.")]
-_SIGNS = {"correct": "[green]✓[/]", "not yet": "[red]✗[/]", "not attempted yet": "·"}
 
 
 @app.command()
 def check(
-    notebook: Annotated[list[str], typer.Argument(help="Files, or numbers (01) in the course.")],
+    notebook: Annotated[list[str], typer.Argument(help="Files, or numbers (01) of your copies.")],
     seconds: _Seconds = 60,
     gigabytes: _Gigabytes = 4,
 ) -> None:
@@ -38,30 +36,31 @@ def check(
     """
     wrong = 0
     with reported(RuntimeError):
-        from cotlearn.course import progress
+        from cotlearn.course import record
         from cotlearn.course.kernel import in_parallel
         from cotlearn.course.marking import mark
 
         limits = _limits(seconds, gigabytes)
         for name in notebook:
-            path = Path(name) if Path(name).exists() else assets.find_notebook(name)
+            path = Path(name) if Path(name).exists() else copies.find(name)
             found: list[Marked] = []
             in_parallel(partial(mark, limits=limits), [path], workers=1, then=found.append)
             _print(path, found[0])
             wrong += sum(not item.correct for item in found[0].marks)
-            progress.remember({item.question: item.verdict for item in found[0].marks})
+            record.remember({item.question: item.verdict for item in found[0].marks})
     raise typer.Exit(1 if wrong else 0)
 
 
 def _print(path: Path, found: Marked) -> None:
     from cotlearn.course.checking import printable
+    from cotlearn.course.overview import SIGNS
 
     console.print(f"[bold]{escape(printable(path.name))}[/]")
     if found.note:
         console.print(f"note: {escape(found.note)}")
     for mark in found.marks:
         text = "" if mark.verdict == "correct" else f": {mark.sentence}"
-        console.print(f"{_SIGNS[mark.verdict]} {mark.question}{escape(text)}")
+        console.print(f"{SIGNS[mark.verdict]} {mark.question}{escape(text)}")
     done = sum(item.correct for item in found.marks)
     console.print(f"{done} of {len(found.marks)} correct")
 
@@ -71,24 +70,8 @@ def show_progress() -> None:
     """Shows which exercises are done and which is next, from one file on this machine."""
     with reported():
         from cotlearn.course import progress
-        from cotlearn.course.assignments import find, masters
 
-        names = [path.name[:2] for path in assets.notebooks()] + [path.stem for path in masters()]
-        found = [find(name) for name in names]
-        if not found:
-            raise ValueError(f"no notebooks in {assets.course_folder()}; get the course again")
-    known = {name: item["verdict"] for name, item in progress.read().items()}
-    table, left = Table(box=None, show_header=False, pad_edge=False), []
-    for assignment in found:
-        verdicts = [known.get(item.name, "not attempted yet") for item in assignment.questions]
-        done = f"{verdicts.count('correct')} of {len(verdicts)}"
-        table.add_row(escape(assignment.title), done, " ".join(_SIGNS[v] for v in verdicts))
-        for item, verdict in zip(assignment.questions, verdicts, strict=True):
-            if verdict != "correct":
-                left.append(f"{item.name} in {assignment.path.name}")
-    console.print(table)
-    console.print(f"next: {left[0]}" if left else "all exercises are done")
-    console.print(f"kept in {escape(str(progress.file()))}, and sent nowhere")
+        progress()
 
 
 @app.command()

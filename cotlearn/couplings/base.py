@@ -470,7 +470,8 @@ def draw_noise(x1: Tensor, source: Source | None, generator: Generator) -> Tenso
     if source is None:
         return torch.randn(x1.shape, dtype=x1.dtype, generator=generator)
     drawn = source(len(x1), generator=generator)
-    return validation.check_shape(drawn, "source(n)", tuple(x1.shape)).to(x1)
+    noise = validation.check_shape(drawn, "source(n)", tuple(x1.shape)).to(x1)
+    return validation.check_matrix(noise, f"source(n) in {x1.dtype}")
 
 
 def draw_rows(data: Sampler, n: int, generator: Generator | None) -> tuple[Tensor, Tensor | None]:

@@ -1,18 +1,25 @@
 """Compiled loops, kept on disk where that is possible."""
 
 import contextlib
+import sys
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from numba import njit
-from numba.core.caching import FunctionCache
+from numba.core import caching
+
+from cotlearn.progress import watched
+
+INSTALLED = "site-packages" in Path(__file__).parts
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Numba's `njit` without Python's global lock, whose code is kept for the next process.
 
-    Numba keeps it beside the source, else in the user's folder of caches. If neither can be
+    Numba keeps it beside the source, else in the user's folder of caches; of an installed package
+    in the latter first, so that nothing is left when the package is removed. If neither can be
     written, as in a container that is read-only, the loops are compiled anew in each process.
     """
 
@@ -25,13 +32,27 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
-class _Kept(FunctionCache):
+class _InUsersFolder(caching.CompileResultCacheImpl):
+    """Keeps code beside the source only if no other folder can be written."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        kinds = caching.CompileResultCacheImpl._locator_classes
+        self._locator_classes = sorted(kinds, key=lambda kind: "InTree" in kind.__name__)
+        super().__init__(function)
+
+
+class _Kept(caching.FunctionCache):
     """Numba's cache; a full disk or a damaged file costs only the time to compile anew."""
+
+    _impl_class = _InUsersFolder if INSTALLED else caching.CompileResultCacheImpl
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The code of a signature, or None."""
         try:
-            return super().load_overload(sig, target_context)
+            found = super().load_overload(sig, target_context)
+            if found is None:
+                _announce()
+            return found
         except Exception as error:  # decoding a damaged file raises many kinds
             _warn(self.cache_path, error)
             with contextlib.suppress(OSError):
@@ -46,7 +67,15 @@ class _Kept(FunctionCache):
             _warn(self.cache_path, error)
 
 
-_warned = False
+_warned = _announced = False
+
+
+def _announce() -> None:
+    """Say once in a process why the first pairs take longer, if somebody looks."""
+    global _announced
+    if not _announced and watched():
+        print("compiling the pairing loops, once on this machine: some 4 s", file=sys.stderr)
+    _announced = True
 
 
 def _warn(folder: str, error: Exception) -> None:

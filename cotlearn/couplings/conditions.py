@@ -16,6 +16,7 @@ from torch import Tensor
 
 from cotlearn import validation
 from cotlearn.couplings.base import WithOptions, lent, to_numpy
+from cotlearn.couplings.unheeded import warn_if_unresolved
 from cotlearn.couplings.units import OwnUnits, tamed
 from cotlearn.datasets import Standardiser
 
@@ -157,6 +158,12 @@ class KMeansCondition(Clusters):
     clusters: int = 64
     _: KW_ONLY
     seed: int = 0
+
+    def fit(self, c: Tensor) -> Self:
+        """Find the centroids of c (n, k); warn if they tell apart most columns, but not all."""
+        super().fit(c)
+        warn_if_unresolved(self.project(c), self.labels(c))
+        return self
 
     def _fit(self, c: Tensor) -> dict[str, Tensor]:
         units = OwnUnits.fit(c)

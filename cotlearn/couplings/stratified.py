@@ -27,7 +27,6 @@ from cotlearn.couplings.base import (
     to_numpy,
 )
 from cotlearn.couplings.conditions import Clusters, KMeansCondition
-from cotlearn.couplings.unheeded import warn_if_unresolved
 from cotlearn.validation import check_count
 
 Array = NDArray[Any]
@@ -153,8 +152,6 @@ class StratifiedOT(Coupling):
             return clusters
         clusters = copy.copy(clusters).fit(c)
         clusters.fitted_to = content
-        if isinstance(clusters, KMeansCondition):
-            warn_if_unresolved(clusters.project(c), clusters.labels(c))
         self.clusters = clusters
         return clusters
 

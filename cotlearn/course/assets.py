@@ -1,18 +1,19 @@
-"""Finds the notebooks and data of the course by name, in a checkout or an installed wheel.
+"""Finds the notebooks and data of the course by name, in its checkout.
+
+An installed package has neither; it finds those of the checkout in which it is used.
 
 A data file is checked against its SHA-256 sum in `data/SHA256SUMS` when it is looked up. After a
 change of the data, `python -m cotlearn.course` rewrites `data/SHA256SUMS`.
 """
 
+import contextlib
 import difflib
 import hashlib
-import json
-import os
+import itertools
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
-from cotlearn.extras import REINSTALL
 from cotlearn.files import write_text
 
 #: In the folder `data/`: one line per file, in the format of the program `sha256sum`.
@@ -21,23 +22,40 @@ SUMS = "SHA256SUMS"
 ROOMS = ("laboratory", "extras")
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-#: A link or picture in a notebook, to a file.
-_LINK = re.compile(
-    r"(?P<image>!?)\[(?P<words>[^\]]*)\]\((?P<file>[^\s():#]+\.(?:ipynb|md|svg|png))(?P<part>#[^\s()]*)?\)"
-)
 _NUMBERED = re.compile(r"\d\d_.*\.ipynb")
 
 
 def checkout() -> Path | None:
-    """Returns the root of the checkout that this package is imported from, or None in a wheel."""
-    root = _PACKAGE.parent
-    found = (root / "pyproject.toml").is_file() and (root / "course.py").is_file()
-    return root if found else None
+    """Returns the root of the course's checkout, or None.
+
+    It is the one that this package is imported from, or else the one that we are in.
+    """
+    for root in itertools.chain([_PACKAGE.parent], _here()):
+        if all((root / name).is_file() for name in ("course.py", f"data/{SUMS}")):
+            return root
+    return None
+
+
+def _here() -> Iterator[Path]:
+    """The current folder and those above it; none if it was removed."""
+    with contextlib.suppress(OSError):
+        here = Path.cwd()
+        yield from (here, *here.parents)
 
 
 def course_folder() -> Path:
-    """Returns the folder that holds `notebooks/` and `data/`."""
-    return checkout() or _PACKAGE / "_course"
+    """Returns the folder that holds `notebooks/` and `data/`.
+
+    Raises:
+        ValueError: If there is no checkout.
+    """
+    root = checkout()
+    if root is None:
+        raise ValueError(
+            "the course's notebooks and data are not part of the installed package: clone or "
+            "unpack the course, and run this in its folder"
+        )
+    return root
 
 
 def notebooks(room: str = "") -> list[Path]:
@@ -141,11 +159,9 @@ def write_sums() -> Path:
 def remedy(name: str, folder: str = "data") -> str:
     """Returns the shell command that restores a file of `data/`, or of another folder.
 
-    Both are for the folder of a checkout.
+    It is for the folder of a checkout.
     """
-    if checkout() is not None:
-        return f"git checkout -- {folder}/{name}"
-    return REINSTALL
+    return f"git checkout -- {folder}/{name}"
 
 
 def _data_files() -> dict[str, Path]:
@@ -156,69 +172,6 @@ def _data_files() -> dict[str, Path]:
 
 def _sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Copies all notebooks into `folder` without overwriting existing files.
-
-    Homework goes beside the notebooks of the path, side rooms into folders of their names.
-
-    Args:
-        folder: The destination; created if it does not exist.
-
-    Returns:
-        The paths that were copied, and the existing paths that were kept.
-
-    Raises:
-        ValueError: If `folder` is a file.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"folder must be a directory, got the file {folder}")
-    folder.mkdir(parents=True, exist_ok=True)
-    given_out = course_folder() / "notebooks" / "homework"
-    homework = [
-        *sorted((given_out / "student").glob("*.ipynb")),
-        *given_out.glob("challenge.ipynb"),
-    ]
-    copied, kept = [], []
-    places = {source: folder / source.name for source in [*notebooks(), *homework]}
-    places |= {source: folder / room / source.name for room in ROOMS for source in notebooks(room)}
-    places = {source.resolve(): target for source, target in places.items()}
-    for source, target in places.items():
-        target.parent.mkdir(exist_ok=True)
-        if target.exists():
-            kept.append(target)
-        else:
-            copy_notebook(source, target, places)
-            copied.append(target)
-    return copied, kept
-
-
-def copy_notebook(source: Path, target: Path, places: Mapping[Path, Path]) -> None:
-    """Copies a notebook; its links lead to the copies, and where there is none become words.
-
-    Args:
-        source: The notebook.
-        target: The copy.
-        places: Every file that is copied -> its copy.
-    """
-    notebook = json.loads(source.read_text(encoding="utf-8"))
-
-    def moved(link: re.Match[str]) -> str:
-        there = (source.parent / link["file"]).resolve()
-        if there in places:
-            found = os.path.relpath(places[there], target.parent)
-            return f"[{link['words']}]({Path(found).as_posix()}{link['part'] or ''})"
-        name = Path(os.path.relpath(there, course_folder().resolve())).as_posix()
-        return (
-            f"*{link['words']}*" if link["image"] else f"{link['words']} (`{name}` in a checkout)"
-        )
-
-    for cell in notebook.get("cells", []):
-        if cell["cell_type"] == "markdown":
-            text = _LINK.sub(moved, "".join(cell["source"]))
-            cell["source"] = text.splitlines(keepends=True)
-    write_text(target, json.dumps(notebook, indent=1, ensure_ascii=False) + "\n")
 
 
 def not_found(kind: str, name: str, available: list[str], *, wanted: str | None = None) -> str:

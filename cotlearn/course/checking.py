@@ -20,7 +20,7 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
-from cotlearn.course import assets, checks, progress
+from cotlearn.course import assets, checks, record
 
 #: Seconds that a learner's answer may take before the check stops it; inf: no limit.
 TIME_LIMIT = 20.0
@@ -102,7 +102,7 @@ def exercises() -> list[str]:
 
 
 def _modules() -> set[str]:
-    return {module.name for module in pkgutil.iter_modules(checks.__path__)}
+    return {module.name for module in pkgutil.iter_modules([str(checks.folder())])}
 
 
 def check(answer: object, name: str) -> Verdict:
@@ -132,8 +132,8 @@ def check(answer: object, name: str) -> Verdict:
     else:
         not_yet = verdict is Verdict.NOT_YET
         print(wrapped(f"✗ not yet: {sentence}") if not_yet else f"not attempted yet: {name}")
-    if progress.in_notebook():
-        progress.remember({name: verdict})
+    if record.in_notebook():
+        record.remember({name: verdict})
     return verdict
 
 

@@ -3,6 +3,23 @@
 They lie beside the notebooks that ask; `cotlearn.course.checks.nb03` is `notebooks/checks/nb03.py`.
 """
 
-from cotlearn.course.assets import course_folder
+from pathlib import Path
 
-__path__ = [str(course_folder() / "notebooks" / "checks")]
+from cotlearn.course.assets import checkout, course_folder
+
+_root = checkout()
+__path__ = [str(_root / "notebooks" / "checks")] if _root else []
+
+
+def folder() -> Path:
+    """Returns `notebooks/checks`, and from now on imports find its files.
+
+    An installed package looks for them when they are asked for: a hosted notebook enters the
+    checkout after it has imported this.
+
+    Raises:
+        ValueError: If there is no checkout.
+    """
+    found = course_folder() / "notebooks" / "checks"
+    __path__[:] = [str(found)]
+    return found

@@ -145,7 +145,6 @@ def check_data() -> Finding:
 
 def check_disk() -> Finding:
     """Checks the free space on the disk that holds the course."""
-    folder = assets.course_folder()
-    free = shutil.disk_usage(folder if folder.exists() else Path.cwd()).free / 1e9
+    free = shutil.disk_usage(assets.checkout() or Path.cwd()).free / 1e9
     remedy = "free some space, for example with: pip cache purge"
     return Finding("disk", f"{free:.1f} GB free", ok=free >= FREE_DISK, remedy=remedy)

@@ -17,6 +17,23 @@ from cotlearn.course.claims import count_claims
 from cotlearn.files import write_text
 from cotlearn.progress import progress_bar
 
+#: What JupyterLab writes about the kernel; the version of Python is left out, as it varies.
+METADATA = {
+    "kernelspec": {
+        "display_name": "Python 3 (ipykernel)",
+        "language": "python",
+        "name": "python3",
+    },
+    "language_info": {
+        "codemirror_mode": {"name": "ipython", "version": 3},
+        "file_extension": ".py",
+        "mimetype": "text/x-python",
+        "name": "python",
+        "nbconvert_exporter": "python",
+        "pygments_lexer": "ipython3",
+    },
+}
+
 
 @dataclass(frozen=True)
 class Run:
@@ -123,41 +140,10 @@ def read(path: Path) -> nbformat.NotebookNode:
 
 def store(run: Run) -> None:
     """Atomically replaces the original notebook by the executed one."""
-    run.notebook.metadata.setdefault("language_info", {}).pop("version", None)
+    run.notebook.metadata |= nbformat.from_dict(METADATA)
     run.notebook.metadata.pop("widgets", None)
     text = nbformat.writes(run.notebook)
     write_text(run.path, text if text.endswith("\n") else text + "\n")
-
-
-def to_html(run: Run, folder: Path) -> Path:
-    """Writes the executed notebook as an HTML page.
-
-    Args:
-        run: An executed notebook.
-        folder: The destination; created if it does not exist.
-
-    Returns:
-        The path of the page.
-    """
-    page = folder / f"{run.path.stem}.html"
-    body = _as_html(run.notebook, run.path.stem)
-    # Links between notebooks, also from and to a folder, become links between pages.
-    body = re.sub(r'href="(?:[\w.-]+/)?([\w.-]+)\.ipynb', r'href="\1.html', body)
-    write_text(page, body)
-    return page
-
-
-def write_index(runs: list[Run], folder: Path) -> Path:
-    """Writes `index.html` with links to the pages of `runs`, and returns its path."""
-    lines = ["# cotlearn\n"]
-    for run in runs:
-        end = f"; stopped at cell {run.failed}" if run.error else ""
-        facts = f"{run.seconds:.0f} s, {run.claims} claims hold{end}"
-        lines.append(f"- [{title(run.notebook)}](<{run.path.stem}.html>): {facts}")
-    index = nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell("\n".join(lines))])
-    page = folder / "index.html"
-    write_text(page, _as_html(index, "cotlearn"))
-    return page
 
 
 def title(notebook: nbformat.NotebookNode) -> str:
@@ -165,13 +151,6 @@ def title(notebook: nbformat.NotebookNode) -> str:
     prose = (cell.source for cell in notebook.cells if cell.cell_type == "markdown")
     found = re.search(r"^# (.+)$", "\n".join(prose), re.MULTILINE)
     return found[1].strip() if found else "untitled"
-
-
-def _as_html(notebook: nbformat.NotebookNode, name: str) -> str:
-    from nbconvert import HTMLExporter  # takes half a second, and most runs do without
-
-    resources = {"metadata": {"name": name}}
-    return str(HTMLExporter().from_notebook_node(notebook, resources=resources)[0])
 
 
 def environment() -> dict[str, str]:

@@ -128,7 +128,7 @@ def _masters(folder: Path | None) -> list[Path]:
 
 def _about(masters: Iterable[Path], limits: Limits) -> str:
     """What a result depends on, but for the notebook."""
-    folders = Path(checks.__path__[0]), Path(__file__).parent
+    folders = checks.folder(), Path(__file__).parent
     code = [file for folder in folders for file in sorted(folder.glob("*.py"))]
     files = [*masters, *code]
     sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]

@@ -20,7 +20,7 @@ import nbformat
 
 import cotlearn
 from cotlearn.course import assets, assignments
-from cotlearn.course.execution import read
+from cotlearn.course.execution import METADATA, read
 from cotlearn.course.marking import mark
 from cotlearn.extras import how_to_install
 from cotlearn.files import write_text
@@ -106,7 +106,7 @@ def stamped(notebook: Any, master: Path) -> Any:
     """
     name, version = master.stem, cotlearn.__version__
     stamp = {"assignment": name, "version": version, "master": fingerprint(master)}
-    notebook.metadata |= {"otter": {"assignment_name": name}, "cotlearn": stamp}
+    notebook.metadata |= METADATA | {"otter": {"assignment_name": name}, "cotlearn": stamp}
     minor = ".".join(version.split(".")[:2])
     notebook.cells.append(
         nbformat.v4.new_markdown_cell(

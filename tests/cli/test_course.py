@@ -34,7 +34,7 @@ def test_run_stores_outputs_and_pages(notebook, tmp_path):
     assert result.exit_code == 0, result.output
     assert "1 claim passed" in result.output
     assert nbformat.read(path, as_version=4).cells[1].outputs[0].data["text/plain"] == "42"
-    pages = {page.name for page in (tmp_path / "pages").iterdir()}
+    pages = {page.name for page in (tmp_path / "pages").glob("*.html")}
     assert pages == {"a notebook.html", "index.html"}
 
 
@@ -73,14 +73,17 @@ def launched(monkeypatch):
     return commands
 
 
-def test_lab_in_a_checkout_opens_the_notebooks_in_place(launched, monkeypatch):
+def test_lab_in_a_checkout_opens_copies_beside_the_notebooks(launched, monkeypatch, tmp_path):
     monkeypatch.setattr(course, "_has_display", lambda: False)
     monkeypatch.setattr(course.os, "geteuid", lambda: 0, raising=False)
+    monkeypatch.setattr(course.copies, "make", lambda to, outputs: ([to], []))
     result = invoke("lab", "--port", "9999")
     assert result.exit_code == 0, result.output
+    assert "1 notebooks copied" in result.output
+    assert "outputs cleared" in result.output
     (command, environment), *_ = launched
     assert command[:3] == [sys.executable, "-m", "jupyterlab"]
-    assert "--LabApp.default_url=/lab/tree/notebooks/00_start_here.ipynb" in command
+    assert "--LabApp.default_url=/lab/tree/my-course/00_start_here.ipynb" in command
     assert f"--ServerApp.root_dir={assets.checkout()}" in command
     assert {"--no-browser", "--allow-root"} <= set(command)
     assert command[-2:] == ["--port", "9999"]
@@ -88,23 +91,38 @@ def test_lab_in_a_checkout_opens_the_notebooks_in_place(launched, monkeypatch):
     assert environment["OMP_NUM_THREADS"]
 
 
+def test_lab_starts_a_notebook_over_and_opens_it(launched, tmp_path):
+    own = tmp_path / "mine"
+    invoke("lab", "--to", str(own))
+    (own / "03_conditions_break_it.ipynb").write_text("my work")
+    result = invoke("lab", "--to", str(own), "--fresh", "03", "--with-outputs")
+    assert "yours is now 03_conditions_break_it.backup-1.ipynb" in result.output
+    assert (own / "03_conditions_break_it.backup-1.ipynb").read_text() == "my work"
+    assert '"image/png"' in (own / "03_conditions_break_it.ipynb").read_text("utf-8")
+    assert '"image/png"' not in (own / "02_couplings.ipynb").read_text("utf-8")
+    assert "--LabApp.default_url=/lab/tree/03_conditions_break_it.ipynb" in launched[1][0]
+    result = invoke("lab", "--to", str(own), "--fresh", "99")
+    assert (result.exit_code, len(launched)) == (2, 2)
+    assert "there is no notebook '99'" in result.output
+
+
 def test_lab_with_a_display_opens_a_browser(launched, monkeypatch):
     monkeypatch.setattr(course, "_has_display", lambda: True)
     monkeypatch.setattr(course.os, "geteuid", lambda: 1000, raising=False)
+    monkeypatch.setattr(course.copies, "make", lambda to, outputs: ([], []))
     invoke("lab")
-    assert len(launched[0][0]) == 6  # nothing but the folder, the first page and no question
+    assert len(launched[0][0]) == 7  # the folder, the first page, how to save, and no question
 
 
-def test_lab_from_a_wheel_copies_once(launched, tmp_path, monkeypatch):
-    source = tmp_path / "installed" / "notebooks"
+def test_lab_copies_once_to_a_folder_elsewhere(launched, tmp_path, monkeypatch):
+    source = tmp_path / "a checkout" / "notebooks"
     source.mkdir(parents=True)
-    (source / "00_start_here.ipynb").write_text("{}")
-    monkeypatch.setattr(assets, "checkout", lambda: None)
+    (source / "00_start_here.ipynb").write_text('{"cells": []}')
     monkeypatch.setattr(assets, "course_folder", lambda: source.parent)
     target = tmp_path / "my work"
     assert "1 notebooks copied" in invoke("lab", "--to", str(target)).output
     (target / "00_start_here.ipynb").write_text("mine")
-    assert "0 notebooks copied" in invoke("lab", "--to", str(target)).output
+    assert invoke("lab", "--to", str(target)).output == ""
     assert (target / "00_start_here.ipynb").read_text() == "mine"
 
 

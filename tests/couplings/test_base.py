@@ -326,6 +326,16 @@ def test_noise_comes_from_the_source():
     assert not torch.equal(pairs[0].x0, pairs[1].x0)
 
 
+@pytest.mark.parametrize("value", [1e300, float("nan")])
+@pytest.mark.parametrize("coupling", [Independent(), StratifiedOT(2, n_samples=64)], ids=repr)
+def test_noise_that_the_dtype_of_the_data_cannot_hold_is_refused(coupling, value):
+    def source(n, generator=None):
+        return torch.full((n, 2), value, dtype=torch.float64)
+
+    with pytest.raises(ValueError, match=r"source\(n\) in torch.float32 has NaN or infinite"):
+        take(coupling, petals(), 1, batch_size=8, source=source)
+
+
 def test_noise_has_the_dtype_of_the_data():
     data = Dataset(torch.zeros(5, 2, dtype=torch.float64))
     assert next(Independent().stream(data, batch_size=3)).x0.dtype == torch.float64

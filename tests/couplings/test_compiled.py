@@ -55,6 +55,18 @@ def loops(tmp_path, monkeypatch):
     return load
 
 
+def test_compiling_is_announced_once(loops, monkeypatch, capsys):
+    monkeypatch.setenv("COTLEARN_PROGRESS", "1")
+    monkeypatch.setattr(module, "_announced", False)
+    first, again = loops(), loops()
+    assert first.sixfold(1.0) == 6.0
+    said = capsys.readouterr().err
+    assert (said.count("compiling the pairing loops"), said.count("\n")) == (1, 1)
+    monkeypatch.setattr(module, "_announced", False)
+    assert again.sixfold(1.0) == 6.0  # found on disk
+    assert capsys.readouterr().err == ""
+
+
 def test_code_is_kept(loops):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -6,7 +6,13 @@ import pytest
 import torch
 from support import seeded
 
-from cotlearn.couplings import ConditionalOT, OwnUnits, StratifiedOT
+from cotlearn.couplings import (
+    ConditionalOT,
+    KMeansCondition,
+    OwnUnits,
+    SemidiscreteOT,
+    StratifiedOT,
+)
 from cotlearn.couplings.unheeded import ruling_column
 from cotlearn.diagnostics.recommendation import candidates
 
@@ -117,9 +123,24 @@ def test_many_rows_keep_ranks_at_few_knots():
     assert (units(c)[:, 0] - place).abs().max() < 2e-3
 
 
-def test_strata_say_which_column_they_do_not_tell_apart():
+CLUSTERED = {
+    "strata": lambda x, c: StratifiedOT(4)(x, x, c),
+    "whole data": lambda x, c: SemidiscreteOT(clusters=4, iterations=1).fit(x, c),
+    "one's own": lambda x, c: KMeansCondition(4).fit(c),
+}
+
+
+@pytest.mark.filterwarnings("ignore:StratifiedOT was called", "ignore:the potential")
+@pytest.mark.parametrize("name", CLUSTERED)
+def test_clusters_say_which_column_they_do_not_tell_apart(name):
+    g = seeded()
+    label = torch.eye(2)[torch.randint(2, (256,), generator=g)]
+    c = torch.cat([label, copies(256, g)], dim=1)
     with pytest.warns(UserWarning, match="column [01] of c is not told apart by the clusters"):
-        gap(StratifiedOT(4), copies, batches=1)
+        CLUSTERED[name](torch.randn(256, 2, generator=g), c)
+
+
+def test_strata_that_tell_all_columns_apart_say_nothing():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message="StratifiedOT was called")

@@ -1,5 +1,3 @@
-import json
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -91,14 +89,6 @@ def test_one_changed_byte_is_refused_by_name(course, name):
     assert not doctor.check_data().ok
 
 
-def test_a_damaged_file_of_a_wheel_is_installed_again(course, monkeypatch):
-    assets.write_sums()
-    (course / "data" / "deep" / "table.npz").write_bytes(b"2")
-    monkeypatch.setattr(assets, "checkout", lambda: None)
-    with pytest.raises(ValueError, match=r"pip install --force-reinstall --no-deps \.$"):
-        assets.find_data("deep/table.npz")
-
-
 def test_results_and_texts_have_no_sum(course):
     for name in ("results/mac.json", "results/deep/cell.json", "README.md", ".hidden/part"):
         (course / "data" / name).parent.mkdir(parents=True, exist_ok=True)
@@ -124,39 +114,23 @@ def test_a_person_can_refresh_and_check_them():
         path.write_bytes(before)
 
 
-def test_copies_never_overwrite(course, tmp_path):
-    target = tmp_path / "of mine"
-    target.mkdir()
-    (target / "01_first.ipynb").write_text("my work")
-    copied, kept = assets.copy_notebooks(target)
-    names = [path.relative_to(target).as_posix() for path in copied]
-    aside = [f"{room}/01_aside.ipynb" for room in assets.ROOMS]
-    assert names == ["00_start_here.ipynb", "10_last.ipynb", *aside]
-    assert [path.name for path in kept] == ["01_first.ipynb"]
-    assert (target / "01_first.ipynb").read_text() == "my work"
-    assert assets.copy_notebooks(target)[0] == []
-    with pytest.raises(ValueError, match="folder must be a directory"):
-        assets.copy_notebooks(target / "01_first.ipynb")
-
-
-def test_no_link_of_a_copy_is_dead(tmp_path):
-    """Pages of docs/ are not installed, and 19 links led there; now they say where the page is."""
-    copied, _ = assets.copy_notebooks(tmp_path / "mine")
-    links = re.compile(r"\]\(([^\s():#]+)(?:#[^\s()]*)?\)")
-    for path in copied:
-        cells = json.loads(path.read_text("utf-8"))["cells"]
-        words = "".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
-        dead = [link for link in links.findall(words) if not (path.parent / link).exists()]
-        assert dead == [], path.name
-    assert "(`docs/speed.md` in a checkout)" in (tmp_path / "mine/02_couplings.ipynb").read_text()
-
-
-def test_an_installed_wheel_has_the_course_inside(tmp_path, monkeypatch):
-    package = tmp_path / "site-packages" / "cotlearn"
-    (package / "_course" / "notebooks").mkdir(parents=True)
-    monkeypatch.setattr(assets, "_PACKAGE", package)
+def test_an_installed_package_finds_the_checkout_that_it_is_used_in(tmp_path, monkeypatch):
+    monkeypatch.setattr(assets, "_PACKAGE", tmp_path / "site-packages" / "cotlearn")
+    monkeypatch.chdir(tmp_path)
     assert assets.checkout() is None
-    assert assets.course_folder() == package / "_course"
+    with pytest.raises(ValueError, match="not part of the installed package: clone or unpack"):
+        assets.find_data("push_t_demos.npz")
+    root = Path(__file__).resolve().parents[2]
+    monkeypatch.chdir(root / "notebooks" / "extras")
+    assert assets.checkout() == assets.course_folder() == root
+
+
+def test_a_folder_that_was_removed_is_no_checkout(tmp_path, monkeypatch):
+    monkeypatch.setattr(assets, "_PACKAGE", tmp_path / "site-packages" / "cotlearn")
+    (gone := tmp_path / "gone").mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert assets.checkout() is None
 
 
 def test_this_checkout_is_found():

@@ -6,7 +6,7 @@ from handed_in import EULER
 from typer.testing import CliRunner
 
 from cotlearn.cli import app
-from cotlearn.course import assets, progress
+from cotlearn.course import assets, record
 
 SAID = """
 ✓ hw1.loss
@@ -19,7 +19,7 @@ SAID = """
 
 @pytest.fixture(autouse=True)
 def _own_progress(tmp_path, monkeypatch):
-    monkeypatch.setattr(progress, "file", lambda: tmp_path / "progress.json")
+    monkeypatch.setattr(record, "file", lambda: tmp_path / "progress.json")
 
 
 def run(*words):

@@ -2,7 +2,7 @@ import nbformat
 import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
-from cotlearn.course import execution
+from cotlearn.course import execution, pages
 
 
 @pytest.fixture
@@ -47,9 +47,9 @@ def test_a_notebook_that_runs(write, tmp_path, monkeypatch, capsys):
     assert nbformat.read(path, as_version=4).cells[-1].outputs[0].data["text/plain"] == "2"
     assert [item.name for item in path.parent.iterdir() if item.name.startswith(".")] == []
 
-    page = execution.to_html(run, tmp_path / "pages")
+    page = pages.to_html(run, tmp_path / "pages")
     assert "An example" in page.read_text(encoding="utf-8")
-    index = execution.write_index([run], tmp_path / "pages").read_text(encoding="utf-8")
+    index = pages.write_index([run], tmp_path / "pages").read_text(encoding="utf-8")
     assert 'href="00_example.html"' in index
 
 

@@ -21,9 +21,10 @@ import importlib.util, subprocess, sys
 assert importlib.util.find_spec("cotlearn") is None
 command = [sys.executable, "-m", "pip", *sys.argv[1:]]
 subprocess.run(command, check=True)
-import cotlearn
+import os, cotlearn
 from cotlearn.course import assets
 assert assets.checkout() is None, assets.checkout()
+os.chdir("course/notebooks")
 assert len(assets.notebooks()) > 10
 assert assets.find_data(next(iter(assets.sums())))
 print("learns", cotlearn.__file__)

@@ -1,22 +1,13 @@
-"""Slides are plain nbconvert's, with the texts of figures, and without checks and solutions."""
+"""Slides have the texts of figures, and are without checks and solutions."""
 
 import re
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("slides")
-    command = [sys.executable, "-m", "nbconvert", "--to", "slides", "--config", "docs/slides.py"]
-    command += ["--output-dir", str(folder), "notebooks/00_start_here.ipynb"]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    return (folder / "00_start_here.slides.html").read_text("utf-8")
+def page(slides):
+    return (slides / "00_start_here.slides.html").read_text("utf-8")
 
 
 @pytest.mark.slow

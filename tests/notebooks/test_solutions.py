@@ -67,6 +67,40 @@ def test_what_is_said_of(cells, extra, capsys, which, verdict, words):
         assert set(found) == {verdict}, f"{checking}: {capsys.readouterr().out}"
 
 
+ANSWER = 6  #: names, numbers, calls and operators that make an expression an answer
+COUNTED = (ast.Name, ast.Constant, ast.Call, ast.BinOp, ast.Subscript, ast.Attribute)
+MODULES = {"math", "np", "torch"}
+
+
+def expressions(source, whole=False):
+    """The larger expressions of a cell, whichever object a method is called on.
+
+    If `whole`, only those that are returned or get a name.
+    """
+    tree = ast.parse(re.sub(r"^\s*[%!].*", "", source, flags=re.M))
+    for node in (n for n in ast.walk(tree) if isinstance(n, ast.Call)):
+        owner = getattr(node.func, "value", None)  # petals() in petals().sample(n)
+        named = owner.func if isinstance(owner, ast.Call) and not owner.args else owner
+        if isinstance(named, ast.Name) and named.id not in MODULES:
+            node.func.value = ast.Name("_")
+    nodes = list(ast.walk(tree))
+    if whole:
+        nodes = [n.value for n in nodes if isinstance(n, ast.Return | ast.Assign)]
+    sized = ((n, sum(isinstance(part, COUNTED) for part in ast.walk(n))) for n in nodes if n)
+    return {ast.dump(n) for n, size in sized if isinstance(n, ast.expr) and size >= ANSWER}
+
+
+def test_no_code_in_sight_below_an_exercise_is_its_answer(cells):
+    for i, cell in enumerate(cells):
+        if "exercise" not in cell.metadata.get("tags", []):
+            continue
+        answers = expressions("\n".join(FENCED.findall(cells[i + 2].source)), whole=True)
+        for below in cells[i + 3 :]:
+            if below.cell_type == "code" and not below.metadata.get("jupyter"):
+                told = answers & expressions(below.source)
+                assert not told, f"fold this cell, it has the answer {told}:\n{below.source}"
+
+
 def test_each_check_belongs_to_its_notebook(cells, path, extra):
     if extra:
         return

@@ -1,0 +1,113 @@
+"""Writes notebooks as pages that need no network: the programs they load lie beside them."""
+
+import base64
+import mimetypes
+import re
+import shutil
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from typing import Any
+
+import nbformat
+
+from cotlearn.course.execution import Run, title
+from cotlearn.files import write_text
+
+#: Where MathJax is taken from without the package of the extra `docs`.
+ELSEWHERE = "https://cdn.jsdelivr.net/npm/mathjax@3/es5/tex-svg.js"
+
+#: The blocks of nbconvert's templates that would load something from the network.
+BLOCKS = """
+{% block html_head_js %}{% endblock %}
+{% block html_head_js_mermaidjs %}{% endblock %}
+{% block html_head_js_mathjax %}
+<script>
+window.MathJax = {tex: {inlineMath: [["$", "$"], ["\\\\(", "\\\\)"]], processEscapes: true}};
+</script>
+<script defer src="MATHJAX"></script>
+{% endblock %}
+"""
+
+
+def to_html(run: Run, folder: Path) -> Path:
+    """Writes the executed notebook as an HTML page.
+
+    Args:
+        run: An executed notebook.
+        folder: The destination; created if it does not exist.
+
+    Returns:
+        The path of the page.
+    """
+    page = folder / f"{run.path.stem}.html"
+    body = _as_html(run.notebook, run.path, folder)
+    # Links between notebooks, also from and to a folder, become links between pages.
+    body = re.sub(r'href="(?:[\w.-]+/)?([\w.-]+)\.ipynb', r'href="\1.html', body)
+    write_text(page, body)
+    return page
+
+
+def write_index(runs: list[Run], folder: Path) -> Path:
+    """Writes `index.html` with links to the pages of `runs`, and returns its path."""
+    lines = ["# cotlearn\n"]
+    for run in runs:
+        end = f"; stopped at cell {run.failed}" if run.error else ""
+        facts = f"{run.seconds:.0f} s, {run.claims} claims hold{end}"
+        lines.append(f"- [{title(run.notebook)}](<{run.path.stem}.html>): {facts}")
+    index = nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell("\n".join(lines))])
+    page = folder / "index.html"
+    write_text(page, _as_html(index, Path("cotlearn"), folder))
+    return page
+
+
+def template(base: str, folder: Path) -> str:
+    """Returns a template of nbconvert that loads MathJax from `folder`, and nothing else.
+
+    Args:
+        base: The template that it extends, such as "lab".
+        folder: Where the pages go, and MathJax with them.
+    """
+    blocks = BLOCKS.replace("MATHJAX", mathjax(folder))
+    return f'{{% extends "{base}/index.html.j2" %}}{blocks}'
+
+
+def mathjax(folder: Path) -> str:
+    """Copies MathJax into a folder of pages; returns its address for them.
+
+    It draws formulas as pictures, so it needs no font. Without the package that has it, the address
+    is one in the network.
+    """
+    try:
+        package = distribution("sphinx-mathjax-offline")
+    except PackageNotFoundError:
+        return ELSEWHERE
+    source = Path(str(package.locate_file("sphinx-mathjax-offline/static/mathjax/tex-svg.js")))
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, folder / source.name)
+    return source.name
+
+
+def with_pictures(body: str, home: Path) -> str:
+    """Puts the pictures that a page shows from files into the page.
+
+    Args:
+        body: The HTML page.
+        home: The folder of its notebook.
+    """
+
+    def embed(found: re.Match[str]) -> str:
+        file, kind = home / found[2], mimetypes.guess_type(found[2])[0]
+        if kind is None or not file.is_file():
+            return found[0]
+        return f"{found[1]}data:{kind};base64,{base64.b64encode(file.read_bytes()).decode()}"
+
+    return re.sub(r'(<img [^>]*\bsrc=")(?!data:)([^"]+)', embed, body)
+
+
+def _as_html(notebook: Any, path: Path, folder: Path) -> str:
+    from nbconvert import HTMLExporter  # takes half a second, and most runs do without
+
+    resources = {"metadata": {"name": path.stem}}
+    exporter = HTMLExporter(raw_template=template("lab", folder))
+    body, _ = exporter.from_notebook_node(notebook, resources=resources)
+    return with_pictures(body, path.parent)

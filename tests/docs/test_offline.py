@@ -1,0 +1,97 @@
+"""Pages of `make course` and slides in a room without network: formulas drawn, one slide shown."""
+
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from cotlearn.course import execution, pages
+
+pytestmark = pytest.mark.slow
+ROOT = Path(__file__).resolve().parents[2]
+LESSON = ROOT / "notebooks" / "03_conditions_break_it.ipynb"
+FIRST = ROOT / "notebooks" / "00_start_here.ipynb"  # shows a picture from a file
+
+#: Texts with a dollar sign that a reader sees, without those of code.
+RAW = r"""() => {
+    const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT), found = [];
+    for (let node; (node = texts.nextNode()); )
+        if (node.data.includes("$") && !node.parentElement.closest("pre, code, script, style"))
+            found.push(node.data);
+    return found;
+}"""
+SHOWN = """() => [...document.querySelectorAll(".slides section:not(.stack)")]
+    .filter(slide => slide.checkVisibility({visibilityProperty: true}) && !slide.hidden
+                     && slide.classList.contains("present")
+                     && !slide.parentElement.matches(".past, .future")).length"""
+
+
+@pytest.fixture
+def tab(browser):
+    """A tab without network; whatever it asks of it, or misses, is a problem."""
+    context = browser.new_context()
+    context.set_offline(True)
+    tab, problems = context.new_page(), []
+    tab.on("request", lambda r: r.url.startswith(("file:", "data:")) or problems.append(r.url))
+    tab.on("requestfailed", lambda r: problems.append(r.url[:200]))
+    tab.on("pageerror", lambda error: problems.append(str(error)))
+    yield tab
+    context.close()
+    assert problems == []
+
+
+def formulas(tab, page):
+    """Opens a page; returns how many formulas were drawn."""
+    tab.goto(page.as_uri())
+    tab.evaluate("MathJax.startup.promise")
+    assert tab.evaluate(RAW) == []
+    assert tab.locator("[data-mjx-error]").count() == 0
+    assert tab.evaluate("[...document.images].every(image => image.naturalWidth > 0)")
+    return tab.locator("mjx-container svg").count()
+
+
+def test_pages_of_the_course(tab, tmp_path):
+    runs = [execution.Run(path, execution.read(path), 0, 0) for path in (LESSON, FIRST)]
+    lesson, first = (pages.to_html(run, tmp_path) for run in runs)
+    assert formulas(tab, lesson) > 3
+    assert formulas(tab, first) == 0
+    formulas(tab, pages.write_index(runs, tmp_path))
+    assert not [page for page in tmp_path.glob("*.html") if "cdnjs" in page.read_text("utf-8")]
+
+
+def test_slides_show_one_at_a_time(tab, slides):
+    assert formulas(tab, slides / f"{LESSON.stem}.slides.html") > 3
+    tab.locator(".reveal.ready").wait_for()
+    for key, place in (("", [0, 0]), ("Right", [1, 0]), ("Right", [2, 0]), ("Down", [2, 1])):
+        if key:
+            tab.keyboard.press(f"Arrow{key}")
+        tab.wait_for_function(
+            "([h, v]) => Reveal.getIndices().h === h && Reveal.getIndices().v === v", arg=place
+        )
+        assert tab.evaluate(SHOWN) == 1
+    tab.keyboard.press("o")
+    assert tab.evaluate("Reveal.isOverview()")
+
+
+def test_a_slide_that_is_too_high_scrolls(tab, slides):
+    formulas(tab, slides / f"{FIRST.stem}.slides.html")
+    tab.locator(".reveal.ready").wait_for()
+    high = """() => { for (const slide of Reveal.getSlides()) {
+        const {h, v} = Reveal.getIndices(slide);
+        Reveal.slide(h, v);
+        if (slide.scrollHeight > slide.clientHeight + 5) {
+            slide.scrollTop = 1e6;
+            return [slide.scrollTop, slide.clientHeight];
+        } } }"""
+    top, height = tab.evaluate(high)
+    assert top > 0
+    assert height <= 700
+
+
+def test_without_the_package_a_page_asks_the_network(tmp_path, monkeypatch):
+    def nothing(name):
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(pages, "distribution", nothing)
+    assert pages.mathjax(tmp_path) == pages.ELSEWHERE
+    assert list(tmp_path.iterdir()) == []
