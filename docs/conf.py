@@ -56,6 +56,7 @@ extensions = [
     "colab",
     "docstrings",
     "links",
+    "map_links",
     "playground",
 ]
 suppress_warnings = ["config.cache"]
@@ -105,6 +106,8 @@ html_title = "cotlearn"
 html_static_path = [str(HERE / "static"), str(MATHJAX)]
 html_extra_path = [str(HERE / "root")]
 html_css_files = ["site.css"]
+html_js_files = ["copy.js"]
+html_search_scorer = str(HERE / "static" / "search.js")
 html_favicon = str(HERE / "static" / "favicon.svg")
 html_show_search_summary = False  # needs a server; the pages also work as files
 html_copy_source = False

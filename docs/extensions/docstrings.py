@@ -1,7 +1,7 @@
 """Reads the docstrings of the house as reStructuredText.
 
 They write formulas as |x0 - x1|^2 and lists without an empty line before them; both mean something
-else in reStructuredText.
+else in reStructuredText. In a line with a formula indices and powers are set as such.
 """
 
 import re
@@ -10,6 +10,10 @@ from sphinx.application import Sphinx
 
 CODE = re.compile(r"(``.+?``|`[^`]+`)")
 SPECIAL = re.compile(r"([|*\\]|(?<=\w)_(?!\w))")
+#: What makes a line one with a formula: a power, or a sum or difference of noise and data.
+FORMULA = re.compile(r"\^|\bx[01] [-+] |[-+] (?:\w )?x[01]\b")
+INDEX = re.compile(r"\b([A-Za-z]+?)([01]?)(?:\\?_(\w|\{[^}]*\})|(?<=[A-Za-z][01]))(?![\w:])")
+POWER = re.compile(r"\^(\w+|\*|\\\*|\{[^}]*\}|\([^)]*\))")
 ITEM = re.compile(r"\s*- ")
 
 
@@ -19,7 +23,16 @@ def escape(text: str) -> str:
     Code between backticks stays as it is.
     """
     parts = CODE.split(text)
-    return "".join(p if CODE.fullmatch(p) else SPECIAL.sub(r"\\\1", p) for p in parts)
+    return "".join(p if CODE.fullmatch(p) else typeset(SPECIAL.sub(r"\\\1", p)) for p in parts)
+
+
+def typeset(text: str) -> str:
+    """Return a line without code in which x0, x_t and x^2 have their index or power in place."""
+    if not FORMULA.search(text):
+        return text
+    text = INDEX.sub(lambda m: rf"{m[1]}\ :sub:`{','.join(filter(None, m.groups()[1:]))}`\ ", text)
+    text = re.sub(r":sub:`(.*?)\{(.*?)\}`", r":sub:`\1\2`", text)
+    return POWER.sub(lambda m: rf"\ :sup:`{m[1].strip('{}')}`\ ", text)
 
 
 def indentation(line: str) -> int:

@@ -33,7 +33,7 @@ BESIDE = {
     "laboratory": ("08", "all methods, ablations"),
 }
 BLUE, INK, PALE, GREY = "#0b5ea8", "#222222", "#eef4fa", "#666666"
-WIDE, STEP = 4.6, 0.62  #: inches
+WIDE, STEP, HIGH = 4.6, 0.62, 0.46  #: inches: of the map, between two boxes, of a box
 LEFT, RIGHT = (0.5, 2.42), (2.62, 4.55)  #: edges of the two columns
 
 
@@ -62,13 +62,36 @@ def route() -> str:
     return f"{', '.join(stops[:-1])} and {stops[-1]}"
 
 
+def height() -> float:
+    """The height of the map, in inches."""
+    return 0.85 + STEP * sum(name not in BESIDE for name in titles())
+
+
+def heights() -> dict[str, float]:
+    """Name of a room -> the height of its middle, in inches."""
+    rooms = titles()
+    path = [name for name in rooms if name not in BESIDE]
+    found = {name: height() - 0.82 - STEP * k for k, name in enumerate(path)}
+    return found | {name: found[beside] for name, (beside, _) in BESIDE.items() if name in rooms}
+
+
+def boxes() -> dict[str, tuple[float, float, float, float]]:
+    """Name of a room -> left, top, width and height of its box, as shares of the map."""
+    found = {}
+    for name, y in heights().items():
+        left, right = RIGHT if name in BESIDE else LEFT
+        top, size = (height() - y - HIGH / 2) / height(), HIGH / height()
+        found[name] = (left / WIDE, top, (right - left) / WIDE, size)
+    return found
+
+
 def box(ax: Axes, across: tuple[float, float], y: float, lines: tuple[str, str], on: bool) -> None:
     """A room: a rounded box with a title and a smaller line; filled if `on`."""
     left, right = across
     look = {"boxstyle": "round,pad=0,rounding_size=0.07", "linewidth": 1.1}
     face = BLUE if on else PALE
-    size = (right - left, 0.46)
-    ax.add_patch(FancyBboxPatch((left, y - 0.23), *size, fc=face, ec=BLUE, zorder=2, **look))
+    size = (right - left, HIGH)
+    ax.add_patch(FancyBboxPatch((left, y - HIGH / 2), *size, fc=face, ec=BLUE, zorder=2, **look))
     colour, small = ("white", "#dbe9f6") if on else (INK, GREY)
     title, below = lines
     at = {"ha": "left", "va": "center", "zorder": 3}
@@ -78,14 +101,15 @@ def box(ax: Axes, across: tuple[float, float], y: float, lines: tuple[str, str],
 
 def main() -> None:
     """Write the map, with the names of all its rooms as its description."""
-    plt.rcParams.update({"svg.hashsalt": "map", "font.family": "DejaVu Sans"})
+    fonts = ["DejaVu Sans", "sans-serif"]  # as text, which is short and can be read
+    plt.rcParams.update({"svg.hashsalt": "map", "svg.fonttype": "none", "font.family": fonts})
     rooms = titles()
     path = [name for name in rooms if name not in BESIDE]
-    high = 0.85 + STEP * len(path)
+    high = height()
     figure = plt.figure(figsize=(WIDE, high))
     ax = figure.add_axes((0, 0, 1, 1), xlim=(0, WIDE), ylim=(0, high))
     ax.set_axis_off()
-    place = {name: high - 0.82 - STEP * k for k, name in enumerate(path)}
+    place = heights()
     middle = sum(LEFT) / 2
     ax.plot([middle] * 2, [place[path[0]], place[path[-1]]], color=BLUE, lw=2.2, zorder=1)
     for name in path:

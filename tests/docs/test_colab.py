@@ -1,5 +1,6 @@
 """The recipe for hosted notebooks works in the process that runs it, without a restart."""
 
+import os
 import re
 import subprocess
 import sys
@@ -50,14 +51,16 @@ def test_the_recipe_works_without_a_restart(tmp_path):
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", tmp_path / "host"], check=True)
     python = tmp_path / "host" / ("Scripts" if sys.platform == "win32" else "bin") / "python"
     places = "import sysconfig; print(sysconfig.get_path('purelib'))"
-    own = subprocess.run([python, "-c", places], capture_output=True, text=True, check=True)
+    own = subprocess.run([python, "-Ic", places], capture_output=True, text=True, check=True)
     packages = sysconfig.get_path("purelib")  # but not what its .pth files add: our checkout
     (Path(own.stdout.strip()) / "packages.pth").write_text(f"{packages}\n")
     (tmp_path / "course").symlink_to(ROOT, target_is_directory=True)
     words = commands()[1].replace('"', "").removeprefix("%pip ").split()
     offline = ["--no-deps", "--no-build-isolation", "--no-index", "--ignore-installed"]
     command = [python, "-c", HOSTED, *words, *offline]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    options = {"cwd": tmp_path, "env": clean, "capture_output": True, "text": True}
+    done = subprocess.run(command, check=False, **options)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "learns" in done.stdout
 

@@ -1,4 +1,4 @@
-"""Who follows a route has read what each of its notebooks needs, and pages agree on the route."""
+"""The map is of the course as it is, and a route holds what each of its notebooks needs."""
 
 import json
 import re
@@ -16,6 +16,20 @@ import course_map  # noqa: E402
 STOP = re.compile(r"(?<![\d:-])([01]\d)(?!\d)(?:, (sections? \d(?:(?:, | to | and )\d\b)*))?")
 NEED = re.compile(r"\[\d\d\]\((?P<file>\d\d)_\w+\.ipynb\)(?: \((?P<words>[^)]*)\))?")
 STRESSED = re.compile(r"^##+ .*|\*+[^*]+\*+", re.MULTILINE)  #: where a word is explained
+
+
+def test_every_notebook_is_on_the_map():
+    """After a new notebook or title: python docs/figures/course_map.py."""
+    drawn = (FIGURES / "course_map.svg").read_text("utf-8")
+    assert f"<dc:description>{course_map.described()}</dc:description>" in drawn
+
+
+def test_a_room_is_on_the_path_or_beside_it():
+    rooms = course_map.titles()
+    assert set(course_map.EVENING) <= set(rooms) - set(course_map.BESIDE)
+    for beside, _ in course_map.BESIDE.values():
+        assert beside in rooms
+        assert beside not in course_map.BESIDE
 
 
 def prose(number):

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from html import unescape
 from pathlib import Path
+from urllib.parse import unquote, urlparse
 
 import pytest
 
@@ -80,6 +81,70 @@ def test_nothing_sticks_out_of_a_page(site, browser):
     tab.close()
     assert found == {}
     assert len(pages) > 50
+
+
+def searched(site, browser, words):
+    """The titles that the search page lists first."""
+    tab = browser.new_page()
+    tab.goto((site / "search.html").as_uri() + f"?q={words}")
+    tab.wait_for_selector("#search-results li")
+    titles = tab.locator("#search-results li").all_inner_texts()
+    tab.close()
+    return titles
+
+
+@pytest.mark.parametrize(
+    ("words", "first"), [("skew", "linear skew"), ("prior+skew", "prior skew"), ("cot", "cot")]
+)
+def test_the_search_finds_what_a_word_means_first(site, browser, words, first):
+    """It listed a module first, and the glossary not among the first dozen."""
+    titles = searched(site, browser, words)
+    assert first in [title.splitlines()[0].partition(" (")[0] for title in titles[:3]], titles[:5]
+    assert "Glossary" in titles[0]
+
+
+def test_a_block_of_code_can_be_copied(site, browser):
+    tab = browser.new_page()
+    tab.goto((site / "docs/how_to/use_another_training_loop.html").as_uri())
+    buttons = tab.locator("div.highlight > button.copy")
+    assert buttons.count() >= 4
+    writes = "navigator.clipboard.writeText = text => Promise.resolve(said.push(text))"
+    tab.evaluate(f"() => {{window.said = []; {writes}}}")
+    buttons.first.click(force=True)
+    tab.wait_for_function("() => document.querySelector('button.copy').textContent === 'copied'")
+    [text] = tab.evaluate("() => window.said")
+    assert text.startswith("import torch\n")
+    assert not text.endswith("\n")
+    assert "copy" not in text
+    tab.goto((site / "notebooks/00_start_here.html").as_uri())
+    assert tab.locator(".cell_output button.copy").count() == 0
+    tab.close()
+
+
+@pytest.mark.parametrize("name", ["docs/index", "notebooks/00_start_here"])
+def test_the_rooms_of_the_map_are_links(site, browser, name):
+    tab = browser.new_page()
+    tab.goto((site / f"{name}.html").as_uri())
+    links = tab.locator("span.map > a")
+    assert links.count() == len(NOTEBOOKS) + len(ROOMS)
+    addresses = links.evaluate_all("all => all.map(a => a.href)")
+    assert all(Path(unquote(urlparse(address).path)).is_file() for address in addresses)
+    box = tab.locator("span.map > img").bounding_box()
+    for place in links.evaluate_all("all => all.map(a => a.getBoundingClientRect().toJSON())"):
+        assert box["x"] <= place["x"] < place["x"] + place["width"] <= box["x"] + box["width"] + 1
+    with tab.expect_navigation():
+        tab.get_by_label("04 Conditional couplings").click()
+    assert tab.url.endswith("04_conditional_couplings.html")
+    tab.close()
+
+
+def test_a_page_of_the_reference_begins_with_a_table_and_sets_its_formulas(site):
+    html = page(site, "docs/reference/api/modules/cotlearn.couplings")
+    table = html.split('<table class="autosummary', 1)[1].split("</table>")[0]
+    for name in ("ConditionalOT", "StratifiedOT", "centred"):
+        assert f'href="#cotlearn.couplings.{name}"' in table
+    assert "|x<sub>0</sub> - x<sub>1</sub>|<sup>2</sup>" in html
+    assert "|^2" not in html
 
 
 def test_no_word_is_misspelled():
@@ -158,7 +223,7 @@ def test_with_alt_replaces_what_was_there():
 
 def test_docstrings_keep_formulas_code_and_lists():
     assert prepare(["Cost |x0 - x1|^2 and `a|b`:", "- one", "  of two", "- two", "End of x_."]) == [
-        r"Cost \|x0 - x1\|^2 and `a|b`:",
+        r"Cost \|x\ :sub:`0`\  - x\ :sub:`1`\ \|\ :sup:`2`\  and `a|b`:",
         "",
         "- one",
         "  of two",
