@@ -111,7 +111,7 @@ class Findings:
         if tried is free:
             if self.advice.regression_wins:
                 return "Use a regression: the data hardly vary, or are too few to learn how."
-            return "No gain expected: use independent pairs."
+            return "No gain shown: use independent pairs."
         interval = f"(95 % interval {gain - 2 * error:.1f} to {gain + 2 * error:.1f})"
         if self.chosen is tried:
             steps = IN_WORDS.get(self.needed or 0)
