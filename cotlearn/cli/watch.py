@@ -45,7 +45,7 @@ def watch(
         for path in policy:
             check_separate(policy=path, out=out)
         policies = {path.stem: ChunkPolicy.load(path) for path in policy}
-        found = compare(task, policies, [nfe], range(seed, seed + episodes))
+        found = compare(task, policies, [nfe], range(seed, seed + episodes), progress=None)
         for name, runs in found["runs"].items():
             ends = ", ".join(end["words"] for end in runs[str(nfe)]["outcomes"])
             console.print(f"{escape(name)}: {ends}")

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from cotlearn.cli import app
 from cotlearn.course.assets import find_data
+from cotlearn.interrupt import loading
 
 RING = find_data("weights/arm_ring_residual.safetensors")
 
@@ -27,6 +28,23 @@ def test_a_page_and_a_film_of_a_policy(tmp_path):
     assert 'id="data-samples"' not in html
     assert run("arm-ring", "--policy", RING, "--episodes", 1, "--out", gif).exit_code == 0
     assert Image.open(io.BytesIO(gif.read_bytes())).n_frames > 20
+
+
+@pytest.mark.slow
+def test_a_terminal_shows_that_policies_are_rolled_out(tmp_path, monkeypatch):
+    monkeypatch.setenv("COTLEARN_PROGRESS", "1")
+    done = run("arm-ring", "--policy", RING, "--episodes", 1, "--out", tmp_path / "a.html")
+    assert "rollout" in done.stderr
+
+
+def test_a_terminal_says_that_a_command_loads(monkeypatch, capsys):
+    with loading():
+        pass
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    with loading():
+        assert capsys.readouterr().err == "loading\r"
+    assert capsys.readouterr().err == " " * len("loading") + "\r"
 
 
 @pytest.mark.parametrize(
