@@ -47,8 +47,10 @@ def watch(policies: Mapping[str, ChunkPolicy], *, nfe: int = 1, episodes: int = 
         episodes: number of starts.
 
     Raises:
-        ValueError: the policies are of other tasks.
+        ValueError: there is no policy, or they are of other tasks.
     """
+    if not policies:
+        raise ValueError("policies must hold at least one, got none")
     check_count(episodes, "episodes")
     name = replay.drawable(next(iter(policies.values())).windows.task)
     starts = range(EXPLORATION, EXPLORATION + episodes)

@@ -1,6 +1,7 @@
 """`cotlearn watch` shows a policy on a page or in a GIF, and names what it cannot show."""
 
 import io
+import shutil
 
 import pytest
 from PIL import Image
@@ -28,6 +29,16 @@ def test_a_page_and_a_film_of_a_policy(tmp_path):
     assert 'id="data-samples"' not in html
     assert run("arm-ring", "--policy", RING, "--episodes", 1, "--out", gif).exit_code == 0
     assert Image.open(io.BytesIO(gif.read_bytes())).n_frames > 20
+
+
+@pytest.mark.slow
+def test_two_files_of_one_name_are_both_shown(tmp_path):
+    other = tmp_path / RING.name
+    shutil.copy(RING, other)
+    words = ("--policy", RING, "--policy", other, "--episodes", 1, "--out", tmp_path / "a.html")
+    shown = "".join(run("arm-ring", *words).output.split())
+    assert f"{other}:" in shown
+    assert f"{RING}:" in shown
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cotlearn.play.widgets import Hands, Panel, hands
+from cotlearn.play.widgets import Hands, Panel, hands, watch
 
 
 def test_hands_step_and_undo(tmp_path):
@@ -39,6 +39,11 @@ def test_each_message_is_answered_even_if_nothing_changed(tmp_path):
 
 def test_no_hands_where_nobody_runs_the_cell(tmp_path):
     assert hands(tmp_path / "mine.npz") is None
+
+
+def test_no_policy_is_named():
+    with pytest.raises(ValueError, match="policies must hold at least one"):
+        watch({})
 
 
 def test_an_unknown_panel_is_named():
