@@ -19,7 +19,7 @@ PORT = 8973
 SEED = 2
 AT_ONCE = 12  #: steps that the planner's hand takes before it looks again
 EDGE = 2  #: pixels around the world in the picture
-CELL = f"from cotlearn.play.widgets import Hands\nHands('mine.npz', seed={SEED})"
+CELL = f"from cotlearn.play.widgets import hands\nhands('mine.npz', seed={SEED})"
 
 
 @pytest.fixture
@@ -113,6 +113,10 @@ def push_and_reload(page, panel, canvas):
     page.locator(".cotlearn-play .panel[data-step='4']").wait_for()
 
 
+STEPPED = """(step) => {
+  const { dataset } = document.querySelector(".cotlearn-play .panel");
+  return dataset.step !== step || dataset.recorded === "1";
+}"""
 RESTART = """async () => {
   const [kernel] = await (await fetch("/api/kernels")).json();
   const headers = { "X-XSRFToken": document.cookie.match(/_xsrf=([^;]*)/)[1] };
@@ -142,10 +146,7 @@ def steer(page, panel, canvas):
                 page.mouse.down()
                 held = True
             step = seen("step")
-            page.wait_for_function(
-                "(step) => document.querySelector('.cotlearn-play .panel').dataset.step !== step",
-                arg=step,
-            )
+            page.wait_for_function(STEPPED, arg=step)
             if seen("recorded") == "1":
                 page.mouse.up()
                 return
