@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -27,11 +28,17 @@ def raise_again() -> None:
 
 @contextlib.contextmanager
 def loading() -> Iterator[None]:
-    """Let Ctrl-C end the process at once in a block of imports; see `end_at_once`."""
+    """Let Ctrl-C end the process at once in a block of imports; see `end_at_once`.
+
+    They take seconds: a terminal says so until they are done.
+    """
     end_at_once()
+    shown = "loading" if sys.stderr.isatty() else ""
+    print(shown, end="\r" * bool(shown), file=sys.stderr, flush=True)
     try:
         yield
     finally:
+        print(" " * len(shown), end="\r" * bool(shown), file=sys.stderr, flush=True)
         raise_again()
 
 

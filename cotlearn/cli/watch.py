@@ -44,8 +44,10 @@ def watch(
             check_output(out, "out")
         for path in policy:
             check_separate(policy=path, out=out)
-        policies = {path.stem: ChunkPolicy.load(path) for path in policy}
-        found = compare(task, policies, [nfe], range(seed, seed + episodes))
+        stems = [path.stem for path in policy]
+        titles = stems if len(set(stems)) == len(stems) else [str(path) for path in policy]
+        policies = {t: ChunkPolicy.load(path) for t, path in zip(titles, policy, strict=True)}
+        found = compare(task, policies, [nfe], range(seed, seed + episodes), progress=None)
         for name, runs in found["runs"].items():
             ends = ", ".join(end["words"] for end in runs[str(nfe)]["outcomes"])
             console.print(f"{escape(name)}: {ends}")

@@ -5,6 +5,7 @@ import { Plane } from "./drawing.js";
 
 const TENTH = 100; // milliseconds of a control step
 const STRIDE = 14; // pixels that an arrow key moves the target
+const PATIENCE = 3000; // milliseconds without an answer, after which the panel says so
 
 export function mount(parent, { style, scene, model }) {
   const said = sentence(parent);
@@ -16,29 +17,47 @@ export function mount(parent, { style, scene, model }) {
   plane.canvas.style.touchAction = "none";
   const buttons = make("div", { class: "buttons" });
   parent.append(buttons);
-  button(buttons, "Undo", () => model.send({ do: "undo" }));
+  button(buttons, "Undo", () => ask({ do: "undo" }));
 
   let target = null;
   let pushing = false;
-  let waiting = false; // for Python's answer to the last step
+  let waiting = null; // since when, for Python's answer
 
   const view = () => model.get("view");
 
-  function step() {
-    if (waiting || target === null) return;
-    waiting = true;
-    model.send({ do: "step", x: target[0], y: target[1] });
+  function ask(message) {
+    waiting ??= performance.now();
+    model.send(message);
   }
-  const timer = setInterval(() => pushing && step(), TENTH);
+
+  function step() {
+    if (waiting === null && target !== null) ask({ do: "step", x: target[0], y: target[1] });
+  }
+
+  const timer = setInterval(() => {
+    if (pushing) step();
+    if (waiting !== null && performance.now() - waiting > PATIENCE) silent();
+  }, TENTH);
+
+  function silent() {
+    pushing = false;
+    said.textContent =
+      "Python does not answer. Wait if a cell is running. If the kernel was started again, run this " +
+      `cell again: it goes on after the ${counted(view().recorded)} of the file.`;
+  }
+
+  const counted = (count) => (count === 1 ? "1 episode" : `${count} episodes`);
 
   function answered() {
-    waiting = false;
-    const { coverage, step, recorded } = view();
-    const count = recorded === 1 ? "1 episode" : `${recorded} episodes`;
-    said.textContent =
+    waiting = null;
+    const { coverage, step, recorded, note = "", problem = "" } = view();
+    if (note || problem) pushing = false; // what the pointer still holds is not meant for a new start
+    if (note) target = null;
+    const now =
       step === 0
-        ? `${count} recorded. Push the grey T onto the green one: hold the pointer down.`
-        : `${count} recorded. ${Math.round(100 * coverage)} % covered after ${(step / 10).toFixed(1)} s; 95 % ends the episode.`;
+        ? "Push the grey T onto the green one: hold the pointer down."
+        : `${Math.round(100 * coverage)} % covered after ${(step / 10).toFixed(1)} s; 95 % ends the episode.`;
+    said.textContent = [problem, note, `${counted(recorded)} recorded.`, now].filter((part) => part).join(" ");
     parent.dataset.recorded = recorded;
     parent.dataset.step = step;
     parent.dataset.state = view().state.join();

@@ -23,16 +23,26 @@ export async function open(name) {
 
 async function start(name) {
   const place = document.querySelector(`#${name} .panel`);
+  const still = [...place.childNodes];
   try {
+    const missing = lacks();
+    if (missing) throw new Error(`This browser has no ${missing}, so the pictures stand still.`);
     const common = await data("common");
     const own = document.getElementById(`data-${name}`) ? await data(name) : {};
     const link = new Link(name === "results" ? "" : `${name}.`);
     place.replaceChildren();
     return PANELS[name](place, { ...common, ...own, link, sample });
   } catch (error) {
-    place.replaceChildren(make("p", { class: "sentence", role: "alert" }, error.message));
+    const alert = make("p", { class: "sentence", role: "alert" }, error.message);
+    place.replaceChildren(alert, ...still);
     throw error;
   }
+}
+
+/** What a panel needs and this browser lacks, in words; nothing if all is there. */
+function lacks() {
+  if (!document.createElement("canvas").getContext?.("2d")) return "canvas";
+  return "DecompressionStream" in window ? "" : "DecompressionStream";
 }
 
 /** From panel 1 to panel 2, with the same pairs. */

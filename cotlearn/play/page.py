@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cotlearn.files import page, write_text
-from cotlearn.play import content, replay
+from cotlearn.play import content, replay, stills
 from cotlearn.play.packing import pack
 from cotlearn.play.script import joined, style_sheet
 
@@ -34,6 +34,7 @@ def write_page(path: str | Path, *, panels: Mapping[str, Any] | None = None) -> 
     text = page(
         "cotlearn.play",
         panels=tuple(shown),
+        stills={name: stills.of_panel(name, value) for name, value in shown.items()},
         data={name: pack(value) for name, value in {"common": content.common(), **shown}.items()},
         script=joined("page"),
         style=style_sheet(),

@@ -1,4 +1,4 @@
-"""Demonstrations of Push-T by hand: simulates, records, and writes after each episode."""
+"""Demonstrations of Push-T, step by step: simulates, records, and writes after each episode."""
 
 from __future__ import annotations
 
@@ -13,29 +13,37 @@ from cotlearn.robots.push_t import PUSH_T, Simulation, random_state
 from cotlearn.robots.push_t.constants import MAX_STEPS, SIZE, SUCCESS
 from cotlearn.validation import check_output, check_seed
 
-ABOUT = {"task": PUSH_T.title, "demonstrator": "by hand"}
+LAST_SEED = 2**31  #: far below what the file can hold
 
 
 class Recorder:
     """An episode at a time, in the file of `cotlearn.robots.episodes.read`.
 
     The file is written after each episode that reaches the goal, so a restart loses only the
-    episode that was going on; an existing recording by hand is continued.
+    episode that was going on; an existing recording of the same demonstrator is continued, also
+    where another recorder wrote to it in the meantime.
 
     Args:
         path: the `.npz` file, the only one that is written.
         seed: of the first start; the next episodes take the next ones.
+        demonstrator: who pushes, in words; the file keeps them.
 
     Raises:
         ValueError: the file is damaged, holds another recording, or cannot be written.
     """
 
-    def __init__(self, path: str | Path, *, seed: int = 0) -> None:
+    def __init__(self, path: str | Path, *, seed: int = 0, demonstrator: str = "by hand") -> None:
         self.path = check_output(path, "path")
         if self.path.suffix != ".npz":
             raise ValueError(f"path must end in .npz, got {self.path}")
         self._first = check_seed(seed)
-        self._done: list[Arrays] = _episodes_in(self.path) if self.path.exists() else []
+        if seed >= LAST_SEED:
+            raise ValueError(f"seed must be below {LAST_SEED}, got {seed}")
+        self._about = {"task": PUSH_T.title, "demonstrator": demonstrator}
+        self._done: list[Arrays] = []
+        self._stamp: tuple[int, int] | None = None
+        self._read()
+        self.note = ""
         self.begin()
 
     def __len__(self) -> int:
@@ -58,6 +66,7 @@ class Recorder:
             "step": len(self._actions),
             "recorded": len(self),
             "success": self.success,
+            "note": self.note,
         }
 
     @property
@@ -69,24 +78,37 @@ class Recorder:
         """Push towards (x, y), in pixels, for a tenth of a second; success ends the episode.
 
         The target is moved into the world and rounded to the unit of the file. After 300 steps the
-        episode begins again.
+        episode begins again. `note` says how the last episode ended.
+
+        Raises:
+            ValueError: the file was damaged, or replaced by another recording.
+            OSError: it cannot be written. The episode goes on, and the next step tries again.
         """
         units = np.array(PUSH_T.action_units)
         action = np.rint(np.clip([x, y], 0.0, SIZE) / units) * units
         self._states.append(self._sim.state)
         self._actions.append(action)
         self._sim.step(*action.tolist())
+        self.note = ""
         if self.success:
             self._keep()
+            self.note = f"Recorded after {len(self._actions) / 10:.1f} s."
             self.begin()
         elif len(self._actions) >= MAX_STEPS:
+            self.note = f"{MAX_STEPS / 10:.0f} s are over without success: not recorded."
             self.begin()
 
     def undo(self) -> None:
-        """Drop the episode that is going on; if it has not begun, the last recorded one."""
+        """Drop the episode that is going on; if it has not begun, the last recorded one.
+
+        Raises:
+            ValueError: the file was damaged, or replaced by another recording.
+            OSError: it cannot be written.
+        """
+        self.note = ""
         if not self._actions and self._done:
-            self._done.pop()
-            self._write()
+            self._read()
+            self._write(self._done[:-1])
         self.begin()
 
     def _keep(self) -> None:
@@ -97,28 +119,46 @@ class Recorder:
             "intention": action,
             "seed": np.array([self._seed], dtype=np.uint32),
         }
-        self._done.append(episode)
-        self._write()
+        self._read()
+        self._write([*self._done, episode])
 
-    def _write(self) -> None:
-        if not self._done:
+    def _read(self) -> None:
+        """Take over the file if it is not as this recorder left it."""
+        if self.path.exists() and self._stamp != _stamp(self.path):
+            self._done = _episodes_in(self.path, self._about)
+            self._stamp = _stamp(self.path)
+
+    def _write(self, episodes: list[Arrays]) -> None:
+        if episodes:
+            arrays = {name: np.concatenate([e[name] for e in episodes]) for name in episodes[0]}
+            lengths = [len(episode["action"]) for episode in episodes]
+            arrays["episode_ends"] = np.cumsum(lengths, dtype=np.int64)
+            write_arrays(self.path, arrays, self._about)
+            self._stamp = _stamp(self.path)
+        else:
             self.path.unlink(missing_ok=True)
-            return
-        arrays = {name: np.concatenate([e[name] for e in self._done]) for name in self._done[0]}
-        lengths = [len(episode["action"]) for episode in self._done]
-        arrays["episode_ends"] = np.cumsum(lengths, dtype=np.int64)
-        write_arrays(self.path, arrays, ABOUT)
+        self._done = episodes
 
 
-def _episodes_in(path: Path) -> list[Arrays]:
-    """The episodes of a recording by hand.
+def _stamp(path: Path) -> tuple[int, int]:
+    """Changes when the file is written: each writing makes a new one."""
+    found = path.stat()
+    return found.st_ino, found.st_mtime_ns
+
+
+def _episodes_in(path: Path, wanted: dict[str, str]) -> list[Arrays]:
+    """The episodes of a recording of the same task and demonstrator.
 
     Raises:
         ValueError: the file is damaged or of another recording.
     """
     arrays, about = read_arrays(path)
-    if about != ABOUT:
-        raise ValueError(f"{path} holds another recording: choose another file")
+    if about != wanted:
+        who = about.get("demonstrator", "another demonstrator")
+        raise ValueError(
+            f"path must be of {wanted['task']} {wanted['demonstrator']}, got {path} of "
+            f"{about.get('task')} {who}: choose another file"
+        )
     ends = arrays.pop("episode_ends")
     starts = np.concatenate([[0], ends[:-1]])
     return [

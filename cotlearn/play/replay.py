@@ -58,7 +58,11 @@ def drawable(task: Task) -> str:
 
 
 def record(
-    policy: ChunkPolicy, seeds: Sequence[int], *, with_chunks: bool = True
+    policy: ChunkPolicy,
+    seeds: Sequence[int],
+    *,
+    with_chunks: bool = True,
+    progress: bool | None = False,
 ) -> dict[str, Any]:
     """Roll a policy out, and pack what happened.
 
@@ -66,6 +70,7 @@ def record(
         policy: of one of `TASKS`.
         seeds: of the starts; they may repeat, the noise differs.
         with_chunks: keep the planned actions, to draw them.
+        progress: show a progress bar; if None, in terminals and notebooks.
 
     Returns:
         `states` and `chunks` as packed integers, their shapes and what became of each episode.
@@ -75,7 +80,7 @@ def record(
     """
     name = drawable(policy.windows.task)
     watched = Watched(policy)
-    found = rollout(watched, seeds=seeds, record=True, progress=False)
+    found = rollout(watched, seeds=seeds, record=True, progress=progress)
     assert found.states is not None
     states = found.states.swapaxes(0, 1)[:, : found.steps.max() + 1]
     chunks = _chunks_of(watched, found)[:, : None if with_chunks else 0]
@@ -148,6 +153,8 @@ def compare(
     policies: Mapping[str, ChunkPolicy],
     evaluations: Sequence[int],
     starts: Sequence[int],
+    *,
+    progress: bool | None = False,
 ) -> dict[str, Any]:
     """Replays of several policies of a task from the same starts and with the same noise.
 
@@ -156,6 +163,7 @@ def compare(
         policies: method or title -> policy.
         evaluations: numbers of evaluations for each chunk.
         starts: seeds.
+        progress: show a progress bar; if None, in terminals and notebooks.
 
     Raises:
         ValueError: a policy is of another task.
@@ -165,7 +173,10 @@ def compare(
         if found != name:
             raise ValueError(f"policy {key} must be of the task {name}, got one of {found}")
     runs = {
-        key: {str(nfe): record(with_nfe(policy, nfe), starts) for nfe in evaluations}
+        key: {
+            str(nfe): record(with_nfe(policy, nfe), starts, progress=progress)
+            for nfe in evaluations
+        }
         for key, policy in policies.items()
     }
     return {"scene": scene(name), "runs": runs}

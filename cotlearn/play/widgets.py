@@ -8,6 +8,7 @@ from typing import Any
 
 import anywidget
 import traitlets
+from IPython import get_ipython
 
 from cotlearn.play import content, page, replay
 from cotlearn.play.packing import pack
@@ -46,8 +47,10 @@ def watch(policies: Mapping[str, ChunkPolicy], *, nfe: int = 1, episodes: int = 
         episodes: number of starts.
 
     Raises:
-        ValueError: the policies are of other tasks.
+        ValueError: there is no policy, or they are of other tasks.
     """
+    if not policies:
+        raise ValueError("policies must hold at least one, got none")
     check_count(episodes, "episodes")
     name = replay.drawable(next(iter(policies.values())).windows.task)
     starts = range(EXPLORATION, EXPLORATION + episodes)
@@ -58,7 +61,7 @@ class Hands(Panel):
     """Push the T yourself; each episode that reaches the goal is recorded.
 
     Hold the pointer down, or use the arrow keys, and the round agent follows. Time stands still
-    while you do not push.
+    while you do not push. What goes wrong with the file is said in the panel.
 
     Args:
         path: an `.npz` file, written after each episode; an existing recording is continued.
@@ -74,12 +77,28 @@ class Hands(Panel):
         self.recorder = Recorder(path, seed=seed)
         super().__init__("hands", {"scene": replay.scene("push-t")})
         self.on_msg(self._heard)
+        self._turn = 0
         self.view = self.recorder.view
 
     def _heard(self, _: Any, message: dict[str, Any], __: Any) -> None:
         """Do what the browser asks for; nothing in a message names a file."""
-        if message.get("do") == "step":
-            self.recorder.step(float(message["x"]), float(message["y"]))
-        elif message.get("do") == "undo":
-            self.recorder.undo()
-        self.view = self.recorder.view
+        problem = ""
+        try:
+            if message.get("do") == "step":
+                self.recorder.step(float(message["x"]), float(message["y"]))
+            elif message.get("do") == "undo":
+                self.recorder.undo()
+        except (OSError, ValueError) as error:
+            problem = f"Not written: {error}"
+        self._turn += 1  # an answer that is like the last one arrives too
+        self.view = {**self.recorder.view, "problem": problem, "turn": self._turn}
+
+
+def hands(path: str | Path, *, seed: int = 0) -> Hands | None:
+    """`Hands` where somebody runs the cells, and nothing where a program does.
+
+    A program (nbclient, nbval) does not let a cell ask for input.
+    """
+    kernel = getattr(get_ipython(), "kernel", None)
+    request = kernel.get_parent("shell").get("content", {}) if kernel else {}
+    return Hands(path, seed=seed) if request.get("allow_stdin") else None

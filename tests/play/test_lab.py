@@ -19,7 +19,7 @@ PORT = 8973
 SEED = 2
 AT_ONCE = 12  #: steps that the planner's hand takes before it looks again
 EDGE = 2  #: pixels around the world in the picture
-CELL = f"from cotlearn.play.widgets import Hands\nHands('mine.npz', seed={SEED})"
+CELL = f"from cotlearn.play.widgets import hands\nhands('mine.npz', seed={SEED})"
 
 
 @pytest.fixture
@@ -75,6 +75,17 @@ def test_a_hand_in_jupyterlab_records_an_episode(lab, browser, tmp_path):
         if canvas.count():
             break
     steer(page, panel, canvas)
+    page.locator(".cotlearn-play .sentence", has_text="Recorded after").wait_for()
+    page.mouse.move(600, 600)  # still held down
+    page.wait_for_timeout(500)
+    assert panel.get_attribute("data-step") == "0", "a held pointer pushes in the next start"
+    page.mouse.up()
+    push_and_reload(page, panel, canvas)
+    assert page.evaluate(RESTART) == 200
+    canvas.focus()
+    page.keyboard.press("ArrowRight")
+    answer = "Python does not answer"
+    page.locator(".cotlearn-play .sentence", has_text=answer).wait_for(timeout=20_000)
     page.close()
     episodes = read(tmp_path / "mine.npz")
     assert (len(episodes), episodes.seed.tolist()) == (1, [SEED])
@@ -83,6 +94,35 @@ def test_a_hand_in_jupyterlab_records_an_episode(lab, browser, tmp_path):
         assert coverage(again.state[2:]) <= SUCCESS
         again.step(*action)
     assert coverage(again.state[2:]) > SUCCESS
+
+
+def push_and_reload(page, panel, canvas):
+    """A page that is loaded again in the middle of an episode goes on with it."""
+    canvas.focus()
+    for step in range(1, 4):
+        page.keyboard.press("ArrowRight")
+        page.locator(f".cotlearn-play .panel[data-step='{step}']").wait_for()
+    state = panel.get_attribute("data-state")
+    page.keyboard.press("Control+s")
+    page.wait_for_timeout(1000)
+    page.reload()
+    page.locator(".cotlearn-play .panel[data-step='3']").wait_for()
+    assert panel.get_attribute("data-state") == state
+    canvas.focus()
+    page.keyboard.press("ArrowRight")
+    page.locator(".cotlearn-play .panel[data-step='4']").wait_for()
+
+
+STEPPED = """(step) => {
+  const { dataset } = document.querySelector(".cotlearn-play .panel");
+  return dataset.step !== step || dataset.recorded === "1";
+}"""
+RESTART = """async () => {
+  const [kernel] = await (await fetch("/api/kernels")).json();
+  const headers = { "X-XSRFToken": document.cookie.match(/_xsrf=([^;]*)/)[1] };
+  const answer = await fetch(`/api/kernels/${kernel.id}/restart`, { method: "POST", headers });
+  return answer.status;
+}"""
 
 
 def steer(page, panel, canvas):
@@ -106,10 +146,7 @@ def steer(page, panel, canvas):
                 page.mouse.down()
                 held = True
             step = seen("step")
-            page.wait_for_function(
-                "(step) => document.querySelector('.cotlearn-play .panel').dataset.step !== step",
-                arg=step,
-            )
+            page.wait_for_function(STEPPED, arg=step)
             if seen("recorded") == "1":
                 page.mouse.up()
                 return

@@ -5,8 +5,10 @@ import pytest
 
 from cotlearn.play import recorder
 from cotlearn.play.recorder import Recorder
+from cotlearn.play.steered import steer
 from cotlearn.robots.episodes import read
-from cotlearn.robots.push_t import Simulation, random_state
+from cotlearn.robots.push_t import Simulation, coverage, random_state
+from cotlearn.robots.push_t.constants import SUCCESS
 
 
 def push(hand, steps):
@@ -71,6 +73,59 @@ def test_an_episode_without_success_is_not_recorded(tmp_path, monkeypatch):
     hand = Recorder(tmp_path / "mine.npz")
     push(hand, 5)
     assert (len(hand), hand.view["step"]) == (0, 0)
+
+
+def test_two_recorders_of_one_file_lose_nothing(tmp_path, easy):
+    path = tmp_path / "mine.npz"
+    one, other = Recorder(path), Recorder(path)
+    push(one, 10)
+    push(other, 10)
+    push(one, 10)
+    assert (len(read(path)), len(one)) == (3, 3)
+    other.undo()
+    assert len(read(path)) == 2
+
+
+def test_an_episode_that_cannot_be_written_is_kept_and_written_later(tmp_path, easy):
+    path = tmp_path / "mine.npz"
+    hand = Recorder(path)
+    push(hand, 10)
+    good = path.read_bytes()
+    path.write_bytes(b"no zip")
+    with pytest.raises(ValueError, match="damaged"):
+        push(hand, 10)
+    assert (len(hand), hand.view["step"], path.read_bytes()) == (1, 10, b"no zip")
+    path.write_bytes(good)
+    push(hand, 1)
+    assert read(path).lengths.tolist() == [10, 11]
+
+
+def test_how_an_episode_ended_is_said_until_the_next_push(tmp_path, easy, monkeypatch):
+    hand = Recorder(tmp_path / "mine.npz")
+    push(hand, 10)
+    assert hand.view["note"] == "Recorded after 1.0 s."
+    push(hand, 1)
+    assert hand.view["note"] == ""
+    monkeypatch.setattr(recorder, "MAX_STEPS", 5)
+    push(hand, 4)
+    assert "without success" in hand.view["note"]
+
+
+def test_a_hand_does_not_continue_a_script_s_recording(tmp_path):
+    path = tmp_path / "script.npz"
+    steer(path, episodes=1)
+    episodes = read(path)
+    again = Simulation(random_state(np.random.default_rng(0)))
+    for action in episodes.action:
+        again.step(*action)
+    assert coverage(again.state[2:]) > SUCCESS
+    with pytest.raises(ValueError, match=r"path must be of Push-T by hand, got .* by a script"):
+        Recorder(path)
+
+
+def test_a_seed_that_the_file_cannot_hold_is_named(tmp_path):
+    with pytest.raises(ValueError, match="seed must be below"):
+        Recorder(tmp_path / "mine.npz", seed=2**32)
 
 
 def test_another_or_damaged_file_is_named_and_left_alone(tmp_path):
