@@ -1,6 +1,8 @@
 """What many tests need: fixed randomness, batches of a stream, comparisons, refused calls."""
 
 import inspect
+import os
+import time
 
 import pytest
 import torch
@@ -66,3 +68,16 @@ def refused(*cases, error=None, of=None):
             call() if of is None else of(**call)
 
     return test
+
+
+def soon():
+    """Three seconds, or as much longer as this machine is busy."""
+    return 3 * max(1, os.getloadavg()[0] / (os.cpu_count() or 1))
+
+
+def until(condition, *, patience=120, every=0.05):
+    """Wait until something is so; `patience` is seconds."""
+    deadline = time.monotonic() + patience
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(every)

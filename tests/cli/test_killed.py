@@ -12,7 +12,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from waiting import soon, until
+from support import soon, until
 
 from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.report import FewStepModel

@@ -11,7 +11,7 @@ import handed_in
 import numpy as np
 import pytest
 from handed_in import EULER
-from waiting import soon, until
+from support import soon, until
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
 CODES = {130, -signal.SIGINT}  # the same for a shell

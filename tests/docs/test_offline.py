@@ -1,5 +1,8 @@
-"""Pages of `make course` and slides in a room without network: formulas drawn, one slide shown."""
+"""Pages of `make course` and slides: without network, with the texts of figures, no solutions."""
 
+import re
+import subprocess
+import sys
 from importlib import metadata
 from pathlib import Path
 
@@ -24,6 +27,15 @@ SHOWN = """() => [...document.querySelectorAll(".slides section:not(.stack)")]
     .filter(slide => slide.checkVisibility({visibilityProperty: true}) && !slide.hidden
                      && slide.classList.contains("present")
                      && !slide.parentElement.matches(".past, .future")).length"""
+
+
+@pytest.fixture(scope="module")
+def slides(tmp_path_factory):
+    """The folder of the slides of notebooks 00 and 03."""
+    folder = tmp_path_factory.mktemp("slides")
+    command = [sys.executable, "docs/slides.py", str(folder), "00", "03"]
+    subprocess.run(command, cwd=ROOT, check=True)
+    return folder
 
 
 @pytest.fixture
@@ -95,3 +107,21 @@ def test_without_the_package_a_page_asks_the_network(tmp_path, monkeypatch):
     monkeypatch.setattr(pages, "distribution", nothing)
     assert pages.mathjax(tmp_path) == pages.ELSEWHERE
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def page(slides):
+    return (slides / "00_start_here.slides.html").read_text("utf-8")
+
+
+def test_headings_start_slides_and_figures_have_their_texts(page):
+    assert page.count("<section") > 8
+    assert 'alt="Scatter plot: dark noise' in page
+    assert "No description has been provided" not in page
+
+
+def test_checks_and_folded_cells_are_left_out(page):
+    text = re.sub(r"<[^>]+>", "", page)
+    assert "Predict" in text
+    assert "check(" not in text
+    assert "from cotlearn import" not in text
