@@ -14,6 +14,8 @@ UNRESOLVED, RESOLVED = 0.6, 0.2  #: shares of variance inside clusters: lost, an
 
 def ruling_column(c: Tensor) -> int | None:
     """The column of c (n, k) with 99 % of the squared distances of its rows, if others vary."""
+    if c.shape[1] < 2:
+        return None
     values = c.detach().double()
     varying = int((values != values[0]).any(dim=0).sum())
     values = values / values.abs().max().clamp(min=1e-300)
