@@ -73,6 +73,27 @@ def test_torchcfm_itself():
         PairedMatcher(matching.ExactOptimalTransportConditionalFlowMatcher(), ConditionalOT())
 
 
+@pytest.mark.slow
+def test_torchcfms_network_learns_from_paired_noise_and_integer_labels():
+    matching, unet = peer("torchcfm.conditional_flow_matching"), peer("torchcfm.models.unet")
+    torch.manual_seed(0)
+    options = {"num_channels": 32, "num_res_blocks": 1, "channel_mult": (1, 2)}
+    network = unet.UNetModel((1, 8, 8), **options, class_cond=True, num_classes=3)
+    images, optimizer = torch.rand(12, 1, 8, 8), torch.optim.Adam(network.parameters(), 1e-3)
+    matcher = PairedMatcher(matching.ConditionalFlowMatcher(sigma=0.0), pairing())
+    before, losses = network.label_emb.weight.detach().clone(), []
+    for _ in range(3):
+        sample = matcher.guided_sample_location_and_conditional_flow
+        t, x_t, u_t, _, y = sample(torch.randn_like(images), images, y1=LABELS)
+        loss = (network(t, x_t, y) - u_t).square().mean()
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(loss.item())
+    assert losses[2] < losses[0]
+    assert (network.label_emb.weight != before).any(dim=1).all()  # labels 0, 1 and 2 were seen
+
+
 def test_flow_matching_itself_and_its_sampler_is_ours():
     peer("flow_matching")
     from flow_matching.path import CondOTProbPath

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 BRIDGE = ROOT / "build" / "bridge"
 STAMP = BRIDGE / "stamp.txt"  #: written last, so only a finished environment has it
 PACKAGES = (
-    *("lerobot==0.4.4", "transformers==4.57.6", "huggingface-hub<1", "tokenizers<0.23"),
+    *("lerobot==0.4.4", "transformers==4.57.6", "huggingface-hub<1", "tokenizers<0.23", "regex"),
     *("datasets==4.8.5", "multiprocess<0.70.20", "dill<0.4.1", "diffusers==0.35.2", "torchvision"),
     *("draccus==0.10.0", "pyyaml-include", "mergedeep", "typing-inspect", "toml", "xxhash", "av"),
     *("jsonlines", "einops", "deepdiff", "orderly-set", "cachebox", "termcolor", "imageio"),
