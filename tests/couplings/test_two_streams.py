@@ -179,5 +179,7 @@ def test_clusters_are_never_half_fitted(monkeypatch):
 
     monkeypatch.setattr(KMeansCondition, "project", watched)
     clusters.fit(C)
-    assert met == [set()]
-    assert "centroids" in clusters.state_dict()
+    whole = set(clusters.state_dict())
+    assert "centroids" in whole
+    assert met[0] == set()
+    assert all(state in (set(), whole) for state in met)  # the warning looks at them afterwards
