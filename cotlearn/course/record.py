@@ -1,7 +1,6 @@
 """The learner's progress: one small file on this machine, which is never sent anywhere.
 
-In a checkout it is `.cotlearn-progress.json` in the root, else `.cotlearn/progress.json` in the
-user's home folder.
+It is `.cotlearn-progress.json` in the root of the checkout, which also has the exercises.
 """
 
 import contextlib
@@ -16,11 +15,12 @@ from cotlearn.files import write_text
 
 
 def file() -> Path:
-    """Returns the path of the file, which may not exist yet."""
-    root = assets.checkout()
-    if root is not None:
-        return root / ".cotlearn-progress.json"
-    return Path.home() / ".cotlearn" / "progress.json"
+    """Returns the path of the file, which may not exist yet.
+
+    Raises:
+        ValueError: If there is no checkout.
+    """
+    return assets.course_folder() / ".cotlearn-progress.json"
 
 
 def in_notebook() -> bool:
@@ -43,7 +43,7 @@ def read() -> dict[str, dict[str, str]]:
 def remember(verdicts: dict[str, str]) -> None:
     """Adds verdicts to the file; "not attempted yet" does not replace an earlier verdict.
 
-    If the file cannot be written, nothing happens.
+    If the file cannot be written, or there is no checkout, nothing happens.
 
     Args:
         verdicts: {exercise: verdict}.
@@ -52,5 +52,5 @@ def remember(verdicts: dict[str, str]) -> None:
     attempted = {name: v for name, v in verdicts.items() if v != "not attempted yet"}
     known = read() | {name: {"verdict": v, "when": now} for name, v in attempted.items()}
     text = json.dumps({"exercises": known}, indent=1, sort_keys=True) + "\n"
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, ValueError):
         write_text(file(), text)
