@@ -20,7 +20,9 @@ from rich.text import Text
 from cotlearn.cli.terminal import console, reported, stop_missing
 from cotlearn.course import assets, copies
 from cotlearn.extras import how_to_install
-from cotlearn.interrupt import raise_again
+from cotlearn.files import check_output
+from cotlearn.interrupt import loading, raise_again
+from cotlearn.progress import watched
 
 if TYPE_CHECKING:
     from cotlearn.course.execution import Run
@@ -124,9 +126,6 @@ def run(
 ) -> None:
     """Executes notebooks without a browser and reports how long each took."""
     with reported():
-        from cotlearn.course import execution, pages
-        from cotlearn.validation import check_output
-
         paths = [assets.find_notebook(name) for name in notebook or []]
         paths = paths or assets.all_notebooks()
         if not paths:
@@ -135,8 +134,12 @@ def run(
             check_output(html / "index.html", "html")
         for path in paths if inplace else []:
             check_output(path, "notebook")
+        with loading():
+            from cotlearn.course import execution, pages
         runs = []
         for path in paths:
+            if not watched():  # else there is a bar
+                console.print(f"executing {escape(path.stem)} ...")
             done = execution.execute(path, timeout=timeout)
             runs.append(done)
             _report(done)
