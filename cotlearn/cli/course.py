@@ -9,16 +9,17 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
 from rich.syntax import Syntax
 from rich.table import Table
 from rich.text import Text
+from typer.core import TyperCommand
 
 from cotlearn.cli.terminal import console, reported, stop_missing
-from cotlearn.course import assets, copies
+from cotlearn.course import assets, assignments, copies, record
 from cotlearn.extras import how_to_install
 from cotlearn.files import check_output
 from cotlearn.interrupt import loading, raise_again
@@ -35,7 +36,17 @@ SECONDS_TO_END = 2  #: that JupyterLab has to end its kernels after Ctrl-C
 app = typer.Typer()
 
 
-@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+class Lab(TyperCommand):
+    """The command with an error of its own for `--fresh` without a notebook."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parses the words of the command line."""
+        if args[-1:] == ["--fresh"]:
+            ctx.fail("--fresh needs a notebook, for example: cotlearn lab --fresh 03")
+        return list(super().parse_args(ctx, args))
+
+
+@app.command(cls=Lab, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def lab(
     context: typer.Context,
     to: Annotated[
@@ -60,6 +71,7 @@ def lab(
         for name in fresh or []:
             first, old = copies.renew(name, own, outputs=with_outputs)
             was = f"; yours is now {escape(old.name)}" if old is not None else ""
+            record.forget(item.name for item in assignments.read(first, name).questions)
             console.print(f"{escape(first.name)} starts over{was}")
         copied, kept = copies.make(own, outputs=with_outputs)
     if copied:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import cotlearn
 from cotlearn.course import assignments, checks, submissions
-from cotlearn.course.checking import printable
+from cotlearn.course.checking import TOO_LONG, printable
 from cotlearn.course.kernel import Limits, in_parallel
 from cotlearn.course.marking import Mark, Marked, mark
 from cotlearn.course.submissions import MOST_BYTES
@@ -125,7 +125,9 @@ def grade(
 def _ungraded(path: Path, error: Exception) -> Marked:
     """The result for a file that cannot be marked; its name stands beside it."""
     kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
-    words = str(error).removeprefix(path.name).removeprefix(" ")
+    words = str(error)
+    if words.startswith(f"{path.name} "):
+        words = f"it{words.removeprefix(path.name)}"
     return Marked(note=printable(f"{kind}{words}"))
 
 
@@ -202,8 +204,15 @@ def table(rows: Iterable[Row]) -> str:
         percent = f"{100 * marked.points / marked.out_of:.0f}" if marked.out_of else ""
         found = [_plain(row.file), marked.assignment, f"{marked.points:g}", out_of, percent]
         each = (earned.get(name, "") for name in questions)
-        writer.writerow([*found, _plain(marked.note), *each])
+        writer.writerow([*found, _plain(_remarks(marked)), *each])
     return text.getvalue()
+
+
+def _remarks(marked: Marked) -> str:
+    """The note on a notebook, and which answers were stopped."""
+    said = [(item.question, text) for item in marked.marks for text in (item.sentence, *item.hints)]
+    stopped = [f"{name}: {text.partition(';')[0]}" for name, text in said if TOO_LONG in text]
+    return "; ".join(dict.fromkeys(filter(None, [marked.note, *stopped])))
 
 
 def _plain(text: str) -> str:

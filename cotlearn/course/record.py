@@ -8,6 +8,7 @@ import datetime
 import json
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from cotlearn.course import assets
@@ -50,7 +51,16 @@ def remember(verdicts: dict[str, str]) -> None:
     """
     now = datetime.datetime.now().isoformat(timespec="seconds")
     attempted = {name: v for name, v in verdicts.items() if v != "not attempted yet"}
-    known = read() | {name: {"verdict": v, "when": now} for name, v in attempted.items()}
+    _write(read() | {name: {"verdict": v, "when": now} for name, v in attempted.items()})
+
+
+def forget(names: Iterable[str]) -> None:
+    """Removes verdicts from the file, as those of a notebook that starts over."""
+    gone = set(names)
+    _write({name: item for name, item in read().items() if name not in gone})
+
+
+def _write(known: dict[str, dict[str, str]]) -> None:
     text = json.dumps({"exercises": known}, indent=1, sort_keys=True) + "\n"
     with contextlib.suppress(OSError, ValueError):
         write_text(file(), text)
