@@ -154,6 +154,8 @@ def test(words: list[str]) -> int:
 def program(name: str, *words: str) -> int:
     """Runs a program of the environment; returns its exit status."""
     print(f"\n=== {name} {' '.join(words)}"[:95], flush=True)
+    if name == "sphinx-build":
+        print("building the site, a minute or two ...", flush=True)
     return run(PYTHON.parent / name, *words)
 
 
@@ -198,7 +200,10 @@ def main(arguments: list[str]) -> int:
             os.environ["COTLEARN_PROGRESS"] = "0"
         if name == "test":
             return test(words)
-        return next(filter(None, (program(*step) for step in steps[name])), 0)
+        failed = next(filter(None, (program(*step) for step in steps[name])), 0)
+        if name == "docs" and not failed:
+            print(f"to read: {ROOT / 'build' / 'site' / 'index.html'}")
+        return failed
     except KeyboardInterrupt:
         print("\nstopped; run the same command again to go on", flush=True)
         return 130

@@ -1,8 +1,13 @@
-"""Atomic writes: a reader sees either the complete old file or the complete new one."""
+"""Atomic writes, by which a reader sees the old file or the new one whole; checks of paths.
+
+This imports no torch, so a command can refuse a wrong name at once.
+"""
 
 import contextlib
 import errno
+import itertools
 import os
+import tempfile
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -78,3 +83,69 @@ def page(package: str, **values: Any) -> str:
         lstrip_blocks=True,
     )
     return environment.get_template("page.html").render(**values)
+
+
+def check_path(path: Any, name: str) -> Path:
+    """Return a path if its name can be written into a page, a table or a terminal."""
+    if not isinstance(path, str | Path):
+        raise TypeError(f"{name} must be a path, got {path!r}")
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise ValueError(f"{name} must have a name in UTF-8, got {os.fsencode(path)!r}") from None
+    if "\0" in str(path):
+        raise ValueError(f"{name} must be a path without a NUL character, got {str(path)!r}")
+    return Path(path)
+
+
+def check_input(path: Any, name: str = "path") -> Path:
+    """Return a path if there is a file or a folder to read.
+
+    Raises:
+        TypeError: it is no path.
+        ValueError: its name is not UTF-8.
+        FileNotFoundError: there is none; a pipe, which would be read without end, is none.
+    """
+    path = check_path(path, name)
+    if not (path.is_file() or path.is_dir()):
+        raise FileNotFoundError(f"no such file: {path}")
+    return path
+
+
+def check_separate(**paths: Path | None) -> None:
+    """Raise ValueError if two of these paths are one file, which would be overwritten.
+
+    Nor may a path lie in a folder that comes before it: a folder of data is all that is in it.
+    Links are followed, so that two names of one file are found.
+    """
+    given = {name: path for name, path in paths.items() if path is not None}
+    for (first, one), (second, other) in itertools.combinations(given.items(), 2):
+        same = os.path.realpath(one) == os.path.realpath(other)
+        if same or (one.exists() and other.exists() and one.samefile(other)):
+            raise ValueError(f"{first} and {second} must be two files, got {one} for both")
+        above = Path(os.path.realpath(other)).parents
+        if one.is_dir() and any(folder.exists() and folder.samefile(one) for folder in above):
+            raise ValueError(f"{second} must lie outside the folder {one} of {first}, got {other}")
+
+
+def check_output(path: str | Path, name: str) -> Path:
+    """Return a path if a file can be written there, as far as that is known before the work.
+
+    Raises:
+        TypeError: it is no path.
+        ValueError: it is a folder, a pipe or a device, its name is not UTF-8, or its folder is a
+            file or not writable.
+    """
+    path = check_path(path, name)
+    folder = Path(os.path.realpath(path)).parent  # of its target, if it is a link
+    try:
+        if path.is_dir():
+            raise ValueError(f"{name} must be a file, got the folder {path}")
+        if path.exists() and not path.is_file():
+            raise ValueError(f"{name} must be an ordinary file, got {path}")
+        while not folder.exists():  # missing folders will be made
+            folder = folder.parent
+        with tempfile.TemporaryFile(dir=folder):
+            return path
+    except OSError as error:
+        raise ValueError(f"{name} cannot be written to {path}: {error.strerror}") from None

@@ -19,6 +19,15 @@ def watched() -> bool:
     return switch != "0" if switch else seen
 
 
+def _size() -> dict[str, int]:
+    """A size for a terminal that does not know its own, where tqdm would draw nothing."""
+    try:
+        unknown = 0 in os.get_terminal_size(sys.stderr.fileno())
+    except (OSError, ValueError, AttributeError):  # no terminal, but a notebook or a test
+        unknown = False
+    return {"ncols": 80, "nrows": 24} if unknown else {}
+
+
 def progress_bar(*, total: int, initial: int = 0, what: str = "", show: bool | None = None) -> Any:
     """A tqdm progress bar in terminals and notebooks, and elsewhere a line a minute.
 
@@ -35,5 +44,5 @@ def progress_bar(*, total: int, initial: int = 0, what: str = "", show: bool | N
     lines = show is None and not switch and not kernel and not sys.stderr.isatty()
     show = watched() if show is None else show
     seldom: dict[str, Any] = {"delay": LINE_EVERY, "mininterval": LINE_EVERY, "miniters": 1}
-    options = {**seldom, "bar_format": _LINE} if lines else {"leave": False}
+    options = {**seldom, "bar_format": _LINE} if lines else {"leave": False, **_size()}
     return tqdm(total=total, initial=initial, desc=what, disable=not (show or lines), **options)

@@ -204,6 +204,17 @@ def test_other_commands_end_at_the_first_failure(outcome):
     assert [words[0] for words in outcome("docs")[1]] == ["codespell", "sphinx-build"]
 
 
+def test_the_site_is_announced_and_found(script, outcome, capsys, monkeypatch):
+    outcome("docs")
+    assert f"to read: {script.ROOT / 'build' / 'site' / 'index.html'}" in capsys.readouterr().out
+    outcome("docs", sphinx=1)
+    assert "to read" not in capsys.readouterr().out
+    monkeypatch.undo()
+    monkeypatch.setattr(script, "run", lambda *words: 0)
+    script.program("sphinx-build", ".")
+    assert "building the site" in capsys.readouterr().out
+
+
 def test_the_closing_line_stays_the_last(tmp_path):
     """A notebook and a test in one run, as `make test` does it, after a failure of lint."""
     nbformat.write(new_notebook(cells=[new_code_cell("1 + 1")]), tmp_path / "00_tiny.ipynb")

@@ -1,3 +1,4 @@
+import os
 import re
 import sys
 import time
@@ -49,6 +50,15 @@ def test_then_a_line_now_and_then(monkeypatch, capsys):
 def test_on_in_a_terminal(monkeypatch):
     watching(monkeypatch, True)
     assert shown()
+
+
+def test_a_terminal_that_does_not_know_its_width_has_a_bar(monkeypatch):
+    pty = pytest.importorskip("pty")
+    master, slave = pty.openpty()
+    with open(slave, "w") as stream:
+        monkeypatch.setattr(sys, "stderr", stream)
+        assert shown()
+    assert b"work:" in os.read(master, 1000)
 
 
 @pytest.mark.parametrize(("switch", "expected"), [("0", False), ("1", True)])

@@ -9,6 +9,7 @@ import typer
 from cotlearn.cli import policies
 from cotlearn.cli.terminal import console, reported
 from cotlearn.course import assets
+from cotlearn.files import check_input, check_output, check_separate
 from cotlearn.interrupt import loading
 
 NO_COLUMN = ("batch_size", "label")  #: options that the study notes
@@ -37,15 +38,16 @@ def bench(
     tables = tables or (root / "data" / "results" if root else Path("results"))
     weights = weights or Path("build") / "bench" / "_".join([name, *map(str, options.values())])
     with reported():
-        with loading():
-            from cotlearn.policies.bench import EPISODES
-            from cotlearn.policies.bench import bench as run
-            from cotlearn.validation import check_output, check_separate
-
         for folder in (tables, weights):
             check_output(folder / "file", "tables or weights")
         check_separate(data=data, tables=tables / "study.csv")
         check_separate(data=data, weights=weights / "file")
+        if data is not None:
+            check_input(data, "data")
+        with loading():
+            from cotlearn.policies.bench import EPISODES
+            from cotlearn.policies.bench import bench as run
+
         setting, demonstrations = policies.setting(name, options, data)
         policies.check_simulator(setting)
         run(

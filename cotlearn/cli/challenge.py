@@ -7,6 +7,7 @@ import typer
 from rich.markup import escape
 
 from cotlearn.cli.terminal import SEED, console, reported
+from cotlearn.files import check_input, check_output, check_separate
 from cotlearn.interrupt import loading
 
 
@@ -25,15 +26,16 @@ def challenge(
     The file is run as it is: of strangers' files, only in a container.
     """
     with reported(TypeError, RuntimeError):
+        check_output(out, "out")
+        check_separate(file=file, out=out, page=out.with_suffix(".html"))
+        if file is not None:
+            check_input(file, "file")
         with loading():
             import torch
 
             from cotlearn.course import challenge as rules
-            from cotlearn.validation import check_output, check_separate
 
         torch.set_num_threads(1)
-        check_output(out, "out")
-        check_separate(file=file, out=out, page=out.with_suffix(".html"))
         entries = {}
         if file is not None:
             rules.load(file)  # what is wrong with it is said before the course's are trained

@@ -9,18 +9,21 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
 from rich.syntax import Syntax
 from rich.table import Table
 from rich.text import Text
+from typer.core import TyperCommand
 
 from cotlearn.cli.terminal import console, reported, stop_missing
-from cotlearn.course import assets, copies
+from cotlearn.course import assets, assignments, copies, record
 from cotlearn.extras import how_to_install
-from cotlearn.interrupt import raise_again
+from cotlearn.files import check_output
+from cotlearn.interrupt import loading, raise_again
+from cotlearn.progress import watched
 
 if TYPE_CHECKING:
     from cotlearn.course.execution import Run
@@ -33,7 +36,17 @@ SECONDS_TO_END = 2  #: that JupyterLab has to end its kernels after Ctrl-C
 app = typer.Typer()
 
 
-@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+class Lab(TyperCommand):
+    """The command with an error of its own for `--fresh` without a notebook."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parses the words of the command line."""
+        if args[-1:] == ["--fresh"]:
+            ctx.fail("--fresh needs a notebook, for example: cotlearn lab --fresh 03")
+        return list(super().parse_args(ctx, args))
+
+
+@app.command(cls=Lab, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def lab(
     context: typer.Context,
     to: Annotated[
@@ -58,6 +71,7 @@ def lab(
         for name in fresh or []:
             first, old = copies.renew(name, own, outputs=with_outputs)
             was = f"; yours is now {escape(old.name)}" if old is not None else ""
+            record.forget(item.name for item in assignments.read(first, name).questions)
             console.print(f"{escape(first.name)} starts over{was}")
         copied, kept = copies.make(own, outputs=with_outputs)
     if copied:
@@ -124,9 +138,6 @@ def run(
 ) -> None:
     """Executes notebooks without a browser and reports how long each took."""
     with reported():
-        from cotlearn.course import execution, pages
-        from cotlearn.validation import check_output
-
         paths = [assets.find_notebook(name) for name in notebook or []]
         paths = paths or assets.all_notebooks()
         if not paths:
@@ -135,8 +146,12 @@ def run(
             check_output(html / "index.html", "html")
         for path in paths if inplace else []:
             check_output(path, "notebook")
+        with loading():
+            from cotlearn.course import execution, pages
         runs = []
         for path in paths:
+            if not watched():  # else there is a bar
+                console.print(f"executing {escape(path.stem)} ...")
             done = execution.execute(path, timeout=timeout)
             runs.append(done)
             _report(done)

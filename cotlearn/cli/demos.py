@@ -7,6 +7,7 @@ import typer
 from rich.markup import escape
 
 from cotlearn.cli.terminal import SEED, console, reported
+from cotlearn.files import check_output
 
 
 def demos(
@@ -21,8 +22,6 @@ def demos(
     """
     out = out or Path(f"{task.replace('-', '_')}_demos.npz")
     with reported(RuntimeError):
-        from cotlearn.validation import check_output
-
         check_output(out, "out")
         from cotlearn.robots.episodes.record import record
 

@@ -10,7 +10,11 @@ import typer
 from rich.markup import escape
 
 from cotlearn.cli.terminal import console, reported
-from cotlearn.course import copies
+from cotlearn.course import copies, record
+from cotlearn.course.checking import printable
+from cotlearn.course.overview import SIGNS
+from cotlearn.files import check_output
+from cotlearn.interrupt import loading
 
 if TYPE_CHECKING:
     from cotlearn.course.grading import Row
@@ -36,26 +40,22 @@ def check(
     """
     wrong = 0
     with reported(RuntimeError):
-        from cotlearn.course import record
-        from cotlearn.course.kernel import in_parallel
-        from cotlearn.course.marking import mark
+        paths = [Path(name) if Path(name).exists() else copies.find(name) for name in notebook]
+        for path in paths:
+            console.print(f"[bold]{escape(printable(path.name))}[/]: checking ...")
+            from cotlearn.course.kernel import in_parallel  # takes seconds
+            from cotlearn.course.marking import mark
 
-        limits = _limits(seconds, gigabytes)
-        for name in notebook:
-            path = Path(name) if Path(name).exists() else copies.find(name)
+            limits = _limits(seconds, gigabytes)
             found: list[Marked] = []
             in_parallel(partial(mark, limits=limits), [path], workers=1, then=found.append)
-            _print(path, found[0])
+            _print(found[0])
             wrong += sum(not item.correct for item in found[0].marks)
             record.remember({item.question: item.verdict for item in found[0].marks})
     raise typer.Exit(1 if wrong else 0)
 
 
-def _print(path: Path, found: Marked) -> None:
-    from cotlearn.course.checking import printable
-    from cotlearn.course.overview import SIGNS
-
-    console.print(f"[bold]{escape(printable(path.name))}[/]")
+def _print(found: Marked) -> None:
     if found.note:
         console.print(f"note: {escape(found.note)}")
     for mark in found.marks:
@@ -90,13 +90,22 @@ def grade(
     not trust.
     """
     with reported():
-        from cotlearn.course import grading
+        if not folder.is_dir():
+            raise ValueError(f"folder must be a folder of notebooks, got {folder}")
+        with loading():
+            from cotlearn.course import grading
 
         if out.name and out.with_suffix("").resolve() == folder.resolve():
             raise ValueError(f"out must have another name than the folder {folder}, got {out}")
         limits = _limits(seconds, gigabytes)
         rows = grading.grade(
-            folder, out, masters=masters, workers=workers, limits=limits, each=_print_row
+            folder,
+            out,
+            masters=masters,
+            workers=workers,
+            limits=limits,
+            begin=lambda file: console.print(f"{escape(file)}: marking ..."),
+            each=_print_row,
         )
     unread = [row for row in rows if not row.marked.marks]
     known = sum(row.kept for row in rows)
@@ -123,7 +132,6 @@ def homework(
     """Makes student and autograder versions of the homework with otter-grader, and tests them."""
     with reported():
         from cotlearn.course import release
-        from cotlearn.validation import check_output
 
         check_output(out / "masters", "out")
         release.make(

@@ -22,16 +22,23 @@ if TYPE_CHECKING:
 Name = Annotated[str, typer.Argument(help="A task; its options are the course's.")]
 _LAYOUTS = "An .npz, Diffusion Policy's .zarr or LeRobot folder; default: the course's."
 Data = Annotated[Path | None, typer.Option(help=_LAYOUTS)]
+_TASKS = "default: the task's"
 #: Fields of `policies.options.Options` that a command can change.
 OPTIONS = {
-    "steps": Annotated[int | None, typer.Option(min=1, help="Gradient steps.")],
-    "batch_size": Annotated[int | None, typer.Option(min=1, help="Rows of a gradient step.")],
-    "learning_rate": Annotated[float | None, typer.Option(help="Of Adam, above 0.")],
-    "clusters": Annotated[int | None, typer.Option(min=1, help="Clusters of stratified OT.")],
+    "steps": Annotated[int | None, typer.Option(min=1, help=f"Gradient steps; {_TASKS}.")],
+    "batch_size": Annotated[
+        int | None, typer.Option(min=1, help=f"Rows of a gradient step; {_TASKS}.")
+    ],
+    "learning_rate": Annotated[float | None, typer.Option(help=f"Of Adam, above 0; {_TASKS}.")],
+    "clusters": Annotated[
+        int | None, typer.Option(min=1, help=f"Clusters of stratified OT; {_TASKS}.")
+    ],
     "condition_weight": Annotated[float | None, typer.Option(min=0, help="Default: by frontier.")],
-    "frame": Annotated[str | None, typer.Option(help="Frame of states and actions.")],
-    "label": Annotated[str | None, typer.Option(help="Label: intention or action.")],
-    "prediction": Annotated[str | None, typer.Option(help="Of noise, data or velocity.")],
+    "frame": Annotated[str | None, typer.Option(help=f"Frame of states and actions; {_TASKS}.")],
+    "label": Annotated[str | None, typer.Option(help=f"Label: intention or action; {_TASKS}.")],
+    "prediction": Annotated[
+        str | None, typer.Option(help=f"Of noise, data or velocity; {_TASKS}.")
+    ],
 }
 
 

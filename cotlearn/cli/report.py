@@ -1,5 +1,6 @@
 """`cotlearn report`: recommends a coupling for your own data and writes a page about it."""
 
+import functools
 import shlex
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ import typer
 from rich.markup import escape
 
 from cotlearn.cli.terminal import SEED, console, reported
+from cotlearn.files import check_input, check_output, check_separate
 from cotlearn.interrupt import loading
 
 
@@ -26,21 +28,23 @@ def report(
     The page contains its figures and needs no network. Interrupted trainings resume.
     """
     with reported(TypeError, RuntimeError):
+        check_output(out, "out")
+        model = check_output(model or out.with_suffix(".safetensors"), "model")
+        check_separate(data=data, out=out, model=model)
+        check_input(data, "data")
+        console.print(f"reading {escape(str(data))}; then tests and two trainings: about 2 minutes")
         with loading():
             import torch
 
             from cotlearn.report import examine, read_data, write_page
             from cotlearn.report.findings import TRAININGS
-            from cotlearn.validation import check_output, check_separate
 
         torch.set_num_threads(1)
-        check_output(out, "out")
-        model = check_output(model or out.with_suffix(".safetensors"), "model")
-        check_separate(data=data, out=out, model=model)
         checkpoints = out.with_name(f".{out.name}")
         rows = read_data(data, observe=observe, predict=predict)
         console.print(f"{escape(rows.data.name)}: {escape(rows.about)}")
-        found = examine(rows, steps=steps, seed=seed, checkpoints=checkpoints)
+        say = functools.partial(console.print, markup=False)
+        found = examine(rows, steps=steps, seed=seed, checkpoints=checkpoints, say=say)
         found.model.save(model)
         command = shlex.join(["cotlearn", *sys.argv[1:]])
         write_page(found, out, command=command, model=model)

@@ -11,8 +11,17 @@ from rich.markup import escape
 from cotlearn.extras import how_to_install
 from cotlearn.interrupt import raise_again
 
+LARGEST_SEED = 2**63 - 1  #: that torch takes; too long for the help
+
+
+def _seed(value: int) -> int:
+    if value > LARGEST_SEED:
+        raise typer.BadParameter(f"{value} is above {LARGEST_SEED}.")
+    return value
+
+
 #: The seeds that torch takes, for an option.
-SEED: dict[str, Any] = {"min": 0, "max": 2**63 - 1}
+SEED: dict[str, Any] = {"min": 0, "callback": _seed}
 
 console = Console(highlight=False, soft_wrap=True)
 

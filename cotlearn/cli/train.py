@@ -9,6 +9,7 @@ from rich.table import Table
 
 from cotlearn.cli import policies
 from cotlearn.cli.terminal import SEED, console, reported
+from cotlearn.files import check_input, check_output, check_separate
 from cotlearn.interrupt import loading
 
 
@@ -26,14 +27,15 @@ def train(
     """Trains a policy for a task, saves it and tests it in rollouts; resumes if interrupted."""
     out = out or Path(f"{name.replace('-', '_')}.safetensors")
     with reported(RuntimeError):
-        with loading():
-            from cotlearn.policies import training
-            from cotlearn.policies.choice import with_choice
-            from cotlearn.validation import check_output, check_separate
-
         check_output(out, "out")
         checkpoint = out.with_name(f"{out.stem}.training.safetensors")
         check_separate(data=data, out=out, checkpoint=checkpoint)
+        if data is not None:
+            check_input(data, "data")
+        with loading():
+            from cotlearn.policies import training
+            from cotlearn.policies.choice import with_choice
+
         setting, chosen = policies.setting(name, options, data)
         if rollouts:
             policies.check_simulator(setting)

@@ -11,6 +11,7 @@ import typer
 from rich.markup import escape
 
 from cotlearn.cli.terminal import SEED, console, reported
+from cotlearn.files import check_input, check_output, check_separate
 from cotlearn.interrupt import loading
 
 
@@ -27,6 +28,8 @@ def watch(
     With --out it writes a self-contained page, or a GIF of the first start, and opens nothing.
     """
     with reported(TypeError, RuntimeError):
+        for path in policy:
+            check_input(path, "policy")
         with loading():
             import torch
 
@@ -34,7 +37,7 @@ def watch(
             from cotlearn.play.film import write_film
             from cotlearn.play.replay import TASKS, compare
             from cotlearn.policies.policy import ChunkPolicy
-            from cotlearn.validation import check_choice, check_output, check_separate
+            from cotlearn.validation import check_choice
 
         torch.set_num_threads(1)
         check_choice(task, "task", TASKS)

@@ -133,8 +133,8 @@ def read(path: Path) -> nbformat.NotebookNode:
         raise ValueError(f"there is no notebook at {path}") from None
     except OSError as error:
         raise ValueError(f"{path.name} cannot be read: {error.strerror}") from None
-    except Exception as error:  # nbformat raises many kinds of errors for other files
-        problem = f"it is empty or damaged, or another kind of file ({str(error)[:200]})"
+    except Exception:  # nbformat raises many kinds of errors for other files
+        problem = "it is empty or damaged, or another kind of file"
     raise ValueError(f"{path.name} is not a readable notebook: {problem}")
 
 

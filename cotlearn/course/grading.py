@@ -14,13 +14,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import cotlearn
-from cotlearn.course import assignments, checks
-from cotlearn.course.checking import printable
+from cotlearn.course import assignments, checks, submissions
+from cotlearn.course.checking import TOO_LONG, printable
 from cotlearn.course.kernel import Limits, in_parallel
 from cotlearn.course.marking import Mark, Marked, mark
 from cotlearn.course.submissions import MOST_BYTES
-from cotlearn.files import write_text
-from cotlearn.validation import check_output
+from cotlearn.files import check_output, write_text
 
 
 @dataclass(frozen=True)
@@ -45,6 +44,7 @@ def grade(
     masters: Path | None = None,
     workers: int | None = None,
     limits: Limits,
+    begin: Callable[[str], None] | None = None,
     each: Callable[[Row, int, int], None] | None = None,
 ) -> list[Row]:
     """Grades all notebooks in a folder and its subfolders; every file gets a row.
@@ -56,6 +56,7 @@ def grade(
         masters: The folder of the master notebooks; the course's if None.
         workers: Number of notebooks graded in parallel; the number of cores if None.
         limits: The limits on each notebook.
+        begin: Called with the name of each file that takes a kernel, from several threads.
         each: Called after each file as each(row, files done, files in total).
 
     Returns:
@@ -78,18 +79,30 @@ def grade(
     tests = _about(_masters(masters), limits)
     rows: list[Row] = []
 
+    def name(path: Path) -> str:
+        return printable(path.relative_to(folder).as_posix(), 1000)
+
+    def known(path: Path) -> Path:
+        return pages / ".known" / f"{_digest(path, tests)}.json"
+
+    def at_once(path: Path) -> Row | None:
+        if (marked := _read(known(path))) is not None:
+            return Row(name(path), marked, kept=True)
+        try:
+            assignments.find(submissions.read(path).assignment, masters)
+        except Exception as error:  # whatever it is, it costs this row only
+            return Row(name(path), _ungraded(path, error))
+        return None
+
     def one(path: Path) -> Row:
-        name = printable(path.relative_to(folder).as_posix(), 1000)
-        known = pages / ".known" / f"{_digest(path, tests)}.json"
-        if (marked := _read(known)) is not None:
-            return Row(name, marked, kept=True)
+        if begin is not None:
+            begin(name(path))
         try:
             marked = mark(path, hidden=True, masters=masters, limits=limits)
-        except Exception as error:  # whatever it is, it costs this row only
-            kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
-            return Row(name, Marked(note=printable(f"{kind}{error}")))
-        write_text(known, json.dumps(asdict(marked), indent=1) + "\n")
-        return Row(name, marked)
+        except Exception as error:
+            return Row(name(path), _ungraded(path, error))
+        write_text(known(path), json.dumps(asdict(marked), indent=1) + "\n")
+        return Row(name(path), marked)
 
     def then(row: Row) -> None:
         rows.append(row)
@@ -97,10 +110,25 @@ def grade(
         if each is not None:
             each(row, len(rows), len(files))
 
-    in_parallel(one, files, workers=workers or os.cpu_count() or 1, then=then)
+    waiting = []
+    for path in files:  # those that need no kernel wait for no other
+        if (row := at_once(path)) is not None:
+            then(row)
+        else:
+            waiting.append(path)
+    in_parallel(one, waiting, workers=workers or os.cpu_count() or 1, then=then)
     rows.sort(key=lambda row: row.file)
     write_text(out, table(rows), encoding="utf-8-sig")  # so that Excel reads the accents
     return rows
+
+
+def _ungraded(path: Path, error: Exception) -> Marked:
+    """The result for a file that cannot be marked; its name stands beside it."""
+    kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
+    words = str(error)
+    if words.startswith(f"{path.name} "):
+        words = f"it{words.removeprefix(path.name)}"
+    return Marked(note=printable(f"{kind}{words}"))
 
 
 def _handed_in(folder: Path, *, without: set[Path]) -> list[Path]:
@@ -176,8 +204,15 @@ def table(rows: Iterable[Row]) -> str:
         percent = f"{100 * marked.points / marked.out_of:.0f}" if marked.out_of else ""
         found = [_plain(row.file), marked.assignment, f"{marked.points:g}", out_of, percent]
         each = (earned.get(name, "") for name in questions)
-        writer.writerow([*found, _plain(marked.note), *each])
+        writer.writerow([*found, _plain(_remarks(marked)), *each])
     return text.getvalue()
+
+
+def _remarks(marked: Marked) -> str:
+    """The note on a notebook, and which answers were stopped."""
+    said = [(item.question, text) for item in marked.marks for text in (item.sentence, *item.hints)]
+    stopped = [f"{name}: {text.partition(';')[0]}" for name, text in said if TOO_LONG in text]
+    return "; ".join(dict.fromkeys(filter(None, [marked.note, *stopped])))
 
 
 def _plain(text: str) -> str:

@@ -1,7 +1,6 @@
 """The learner's progress: one small file on this machine, which is never sent anywhere.
 
-In a checkout it is `.cotlearn-progress.json` in the root, else `.cotlearn/progress.json` in the
-user's home folder.
+It is `.cotlearn-progress.json` in the root of the checkout, which also has the exercises.
 """
 
 import contextlib
@@ -9,6 +8,7 @@ import datetime
 import json
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from cotlearn.course import assets
@@ -16,11 +16,12 @@ from cotlearn.files import write_text
 
 
 def file() -> Path:
-    """Returns the path of the file, which may not exist yet."""
-    root = assets.checkout()
-    if root is not None:
-        return root / ".cotlearn-progress.json"
-    return Path.home() / ".cotlearn" / "progress.json"
+    """Returns the path of the file, which may not exist yet.
+
+    Raises:
+        ValueError: If there is no checkout.
+    """
+    return assets.course_folder() / ".cotlearn-progress.json"
 
 
 def in_notebook() -> bool:
@@ -43,14 +44,23 @@ def read() -> dict[str, dict[str, str]]:
 def remember(verdicts: dict[str, str]) -> None:
     """Adds verdicts to the file; "not attempted yet" does not replace an earlier verdict.
 
-    If the file cannot be written, nothing happens.
+    If the file cannot be written, or there is no checkout, nothing happens.
 
     Args:
         verdicts: {exercise: verdict}.
     """
     now = datetime.datetime.now().isoformat(timespec="seconds")
     attempted = {name: v for name, v in verdicts.items() if v != "not attempted yet"}
-    known = read() | {name: {"verdict": v, "when": now} for name, v in attempted.items()}
+    _write(read() | {name: {"verdict": v, "when": now} for name, v in attempted.items()})
+
+
+def forget(names: Iterable[str]) -> None:
+    """Removes verdicts from the file, as those of a notebook that starts over."""
+    gone = set(names)
+    _write({name: item for name, item in read().items() if name not in gone})
+
+
+def _write(known: dict[str, dict[str, str]]) -> None:
     text = json.dumps({"exercises": known}, indent=1, sort_keys=True) + "\n"
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, ValueError):
         write_text(file(), text)

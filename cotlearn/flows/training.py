@@ -15,6 +15,7 @@ from torch import nn
 
 from cotlearn import validation
 from cotlearn.couplings.base import Coupling, Pairs, Sampler, Source
+from cotlearn.files import check_output
 from cotlearn.flows.checkpoint import State, load, save
 from cotlearn.flows.contents import contents
 from cotlearn.flows.fingerprint import described, fingerprint
@@ -115,7 +116,7 @@ def fit(
         "loss": described(loss),
     }
     if checkpoint is not None:
-        validation.check_output(checkpoint, "checkpoint")
+        check_output(checkpoint, "checkpoint")
         plan |= fingerprint(network, data, source)
         plan |= {
             "contents of the network": contents(network),

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from cotlearn.files import check_output
 from cotlearn.robots.episodes.npz import Arrays, read_arrays, write_arrays
 from cotlearn.robots.episodes.record import rounded
 from cotlearn.robots.push_t import PUSH_T, Simulation, random_state
 from cotlearn.robots.push_t.constants import MAX_STEPS, SIZE, SUCCESS
-from cotlearn.validation import check_output, check_seed
+from cotlearn.validation import check_seed
 
 LAST_SEED = 2**31  #: far below what the file can hold
 

@@ -1,5 +1,6 @@
 """The contents of a report: the diagnosis, the recommendation, and trained models."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -191,6 +192,7 @@ def examine(
     pairs: int = 2048,
     seed: int = 0,
     checkpoints: Path | None = None,
+    say: Callable[[str], object] = lambda text: None,
 ) -> Findings:
     """Diagnose the data, recommend a coupling, train with it and with independent pairs, score.
 
@@ -204,6 +206,7 @@ def examine(
         pairs: rows of pairs that `recommend` looks at.
         seed: of everything.
         checkpoints: the beginning of a file name; trainings that were stopped resume from there.
+        say: called with a sentence at the beginning of each stage.
 
     Raises:
         ValueError: too few rows, or data that do not vary.
@@ -218,6 +221,7 @@ def examine(
     x1, condition = x(data.x1), c(data.c)
     train, test = (Dataset(x1[part], condition[part], data.name) for part in (inside, outside))
     options: dict[str, Any] = {"rows": pairs, "probe_steps": probe_steps, "seed": seed}
+    say(f"comparing couplings on {len(inside)} rows ...")
     advice = recommend(train.x1, condition[inside], groups=rows.group[inside], **options)
     couplings: dict[str, Coupling] = {"independent": Independent(), advice.name: advice.coupling}
     g = torch.Generator().manual_seed(seed)
@@ -229,7 +233,9 @@ def examine(
         plain = VelocityMLP(train.dim, train.condition_dim, seed=seed, **NETWORK)
         file = checkpoints and f"{checkpoints}.{word}.training.safetensors"
         options = {"steps": steps, "batch_size": BATCH, "seed": seed}
+        say(f"training with {name}, {steps} steps ...")
         network = fit(plain, train, coupling, **options, checkpoint=file).network
+        say(f"testing it on {len(outside)} held-out rows ...")
         made = [torch.stack([integrate(network, z, test.c, nfe=n).x1 for z in noise]) for n in NFE]
         scores = torch.stack([energy_scores(drawn, test.x1) for drawn in made])
         spread = torch.stack([drawn.var(dim=0).sum(dim=1).mean() for drawn in made])

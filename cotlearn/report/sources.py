@@ -10,14 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from cotlearn.datasets import Dataset
-from cotlearn.files import reading
+from cotlearn.files import check_input, reading
 from cotlearn.robots.episodes.checked import window_rows
 from cotlearn.robots.episodes.lerobot import OBSERVATIONS, read_frames, tables
 from cotlearn.robots.episodes.replay import is_buffer, read_buffer
 from cotlearn.robots.layout import ACTION
 from cotlearn.validation import (
     check_count,
-    check_input,
     check_matrix,
     check_real,
     check_same_rows,

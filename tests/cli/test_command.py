@@ -73,3 +73,12 @@ def test_a_command_gets_the_shared_options_that_were_given():
     setting, file = cli.policies.setting("push-t", {"steps": 7}, None)
     assert setting.options.steps == 7
     assert file.name == "push_t_demos.npz"
+
+
+def test_the_help_of_train_tells_defaults_and_no_long_range():
+    text = CliRunner().invoke(cli.app, ["train", "--help"]).output
+    assert " ".join(text.replace("│", " ").split()).count("default: the task's") == 7
+    assert "2233720" not in text
+    refused = CliRunner().invoke(cli.app, ["train", "push-t", "--seed", str(2**63)])
+    assert refused.exit_code == 2
+    assert "Invalid value for '--seed'" in refused.output

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from cotlearn import cli
 from cotlearn.cli import course
-from cotlearn.course import assets, doctor
+from cotlearn.course import assets, doctor, record
 
 
 def invoke(*arguments):
@@ -33,6 +33,7 @@ def test_run_stores_outputs_and_pages(notebook, tmp_path):
     result = invoke("run", str(path), "--inplace", "--html", str(tmp_path / "pages"))
     assert result.exit_code == 0, result.output
     assert "1 claim passed" in result.output
+    assert result.output.startswith("executing a notebook ...")
     assert nbformat.read(path, as_version=4).cells[1].outputs[0].data["text/plain"] == "42"
     pages = {page.name for page in (tmp_path / "pages").glob("*.html")}
     assert pages == {"a notebook.html", "index.html"}
@@ -91,12 +92,16 @@ def test_lab_in_a_checkout_opens_copies_beside_the_notebooks(launched, monkeypat
     assert environment["OMP_NUM_THREADS"]
 
 
-def test_lab_starts_a_notebook_over_and_opens_it(launched, tmp_path):
+def test_lab_starts_a_notebook_over_and_opens_it(launched, tmp_path, monkeypatch):
     own = tmp_path / "mine"
     invoke("lab", "--to", str(own))
     (own / "03_conditions_break_it.ipynb").write_text("my work")
+    monkeypatch.setattr(record, "file", lambda: tmp_path / "progress.json")
+    kept = {"04.weight": "correct", "hw1.euler": "correct"}
+    record.remember({"03.labels_follow": "correct", **kept})
     result = invoke("lab", "--to", str(own), "--fresh", "03", "--with-outputs")
     assert "yours is now 03_conditions_break_it.backup-1.ipynb" in result.output
+    assert record.read().keys() == kept.keys()
     assert (own / "03_conditions_break_it.backup-1.ipynb").read_text() == "my work"
     assert '"image/png"' in (own / "03_conditions_break_it.ipynb").read_text("utf-8")
     assert '"image/png"' not in (own / "02_couplings.ipynb").read_text("utf-8")
@@ -104,6 +109,12 @@ def test_lab_starts_a_notebook_over_and_opens_it(launched, tmp_path):
     result = invoke("lab", "--to", str(own), "--fresh", "99")
     assert (result.exit_code, len(launched)) == (2, 2)
     assert "there is no notebook '99'" in result.output
+
+
+def test_lab_without_the_notebook_to_start_over_names_an_example(launched):
+    result = invoke("lab", "--fresh")
+    assert (result.exit_code, launched) == (2, [])
+    assert "cotlearn lab --fresh 03" in result.output
 
 
 def test_lab_with_a_display_opens_a_browser(launched, monkeypatch):

@@ -20,7 +20,7 @@ def refused(*arguments):
     result = CliRunner().invoke(cli.app, list(map(str, arguments)))
     assert result.exit_code == 2, result.output
     assert isinstance(result.exception, SystemExit)
-    assert result.output.count("\n") == 1
+    assert result.stderr.count("\n") == 1
     return result.output
 
 

@@ -3,7 +3,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from cotlearn.cli import app
 from cotlearn.course import assets, doctor
 
 
@@ -123,6 +125,21 @@ def test_an_installed_package_finds_the_checkout_that_it_is_used_in(tmp_path, mo
     root = Path(__file__).resolve().parents[2]
     monkeypatch.chdir(root / "notebooks" / "extras")
     assert assets.checkout() == assets.course_folder() == root
+
+
+def test_the_library_alone_gets_findings_and_sentences(tmp_path, monkeypatch):
+    monkeypatch.setattr(assets, "_PACKAGE", tmp_path / "site-packages" / "cotlearn")
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, ["doctor"])
+    assert result.exit_code in {0, 1}, result.exception
+    assert "library only: no notebooks here" in result.output
+    assert "clone or unpack the course" in result.output
+    assert all(name in result.output for name in ("torch", "disk"))
+    assert "Needed and not there: notebooks" not in result.output
+    for words in (["progress"], ["check", "hw1.ipynb"], ["play", "--out", "p.html"]):
+        result = CliRunner().invoke(app, words)
+        assert (result.exit_code, result.output.count("\n")) == (2, 1)
+        assert "clone or unpack the course" in result.output
 
 
 def test_a_folder_that_was_removed_is_no_checkout(tmp_path, monkeypatch):

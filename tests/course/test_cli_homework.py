@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from cotlearn.cli import app
 from cotlearn.course import assets, record
 
-SAID = """
+SAID = """: checking ...
 ✓ hw1.loss
 ✗ hw1.euler: your function euler ended Python (exit or quit); use return to leave a function
 · hw1.exact_velocity: not attempted yet

@@ -84,6 +84,8 @@ def test_a_hand_in_gets_its_points_and_a_page(folder, name):
     assert (row["assignment"], row["points"], row["out_of"]) == ("hw1", f"{points}", "4")
     page = folder.parent / "grades" / "Zoë Müller" / f"{name}.ipynb.md"
     assert words in page.read_text(encoding="utf-8")
+    stopped = "hw1.euler: your answer ran for longer than 4 seconds and was stopped"
+    assert row["note"] == (stopped if name == "loop" else "")
 
 
 def test_every_file_has_a_row(folder):
@@ -97,6 +99,10 @@ def test_every_file_has_a_row(folder):
     assert rows.keys() == {f"Zoë Müller/{name}.ipynb" for name in HAND_INS} | notes.keys()
     for name, note in notes.items():
         assert note in rows[name]["note"]
+        assert name.lstrip("'") not in rows[name]["note"] or name == "report.pdf"
+    plain = "it is not a readable notebook: it is empty or damaged, or another kind of file"
+    assert rows["damaged.ipynb"]["note"] == plain
+    for name in notes:
         assert rows[name]["points"] == "0"
     page = folder.parent / "grades" / "damaged.ipynb.md"
     assert page.read_text().startswith("# damaged.ipynb")
@@ -114,13 +120,22 @@ def test_again_only_what_is_new_is_graded(folder, masters, monkeypatch):
     monkeypatch.setattr(grading, "mark", counted)
     rows = grade(folder, masters)
     assert {row.file for row in rows if row.kept} == {f"Zoë Müller/{n}.ipynb" for n in HAND_INS}
-    assert set(graded) == {"late.ipynb", "=1+1.ipynb", "damaged.ipynb", "no.ipynb", "report.pdf"}
+    assert graded == ["late.ipynb"]
     after = table(folder)
     assert after.pop("Zoë Müller/late.ipynb")["points"] == "4"
     assert after == before
     for torn in (folder.parent / "grades" / ".known").iterdir():
         torn.write_text("{")
     (folder / "Zoë Müller" / "late.ipynb").unlink()
+
+
+def test_what_needs_no_kernel_waits_for_none(tmp_path, masters):
+    folder, said = tmp_path / "in", []
+    hand_in(folder, "a", EULER)
+    (folder / "z.ipynb").write_text("{")
+    options = {"begin": said.append, "each": lambda row, done, total: said.append((row.file, done))}
+    grade(folder, masters, **options)
+    assert said == [("z.ipynb", 1), "a.ipynb", ("a.ipynb", 2)]
 
 
 def test_an_endless_loop_costs_its_time_once(tmp_path, masters, monkeypatch):

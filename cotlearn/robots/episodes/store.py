@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any
 
+from cotlearn.files import check_input
 from cotlearn.robots.episodes.checked import Episodes
 from cotlearn.robots.episodes.lerobot import read_lerobot, tables
 from cotlearn.robots.episodes.npz import read_npz
 from cotlearn.robots.episodes.replay import is_buffer, read_buffer
 from cotlearn.robots.registry import TASKS
 from cotlearn.robots.task import Task
-from cotlearn.validation import check_input
 
 
 def read(path: str | Path) -> Episodes:
