@@ -170,11 +170,15 @@ def exporter(folder: Path) -> SlidesExporter:
 def main(out: str, *names: str) -> None:
     """Write the slides of the notebooks with these numbers or paths, or of all of the path."""
     folder = Path(out)
-    write = exporter(folder)
+    write, written = exporter(folder), []
     for path in [assets.find_notebook(name) for name in names] or assets.notebooks():
         body, _ = write.from_notebook_node(slides_of(read(path)), {"metadata": {"name": path.stem}})
         page = folder / f"{path.stem}.slides.html"
+        body = re.sub(r'href="(?:[\w.-]+/)?([\w.-]+)\.ipynb', r'href="\1.slides.html', body)
         write_text(page, pages.with_pictures(body, path.parent))
+        written.append(page)
+    for page in written:
+        pages.unlink_missing(page)
         print(page)
 
 

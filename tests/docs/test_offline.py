@@ -63,6 +63,20 @@ def formulas(tab, page):
     return tab.locator("mjx-container svg").count()
 
 
+def dead_links(folder):
+    """Links of the pages of a folder to files that are not there."""
+    links = [
+        (page.name, link)
+        for page in folder.glob("*.html")
+        for link in re.findall(r'<a [^>]*href="([^"#]+)', page.read_text("utf-8"))
+    ]
+    return [(p, link) for p, link in links if ":" not in link and not (folder / link).exists()]
+
+
+def test_slides_have_no_dead_links(slides):
+    assert dead_links(slides) == []
+
+
 def test_pages_of_the_course(tab, tmp_path):
     runs = [execution.Run(path, execution.read(path), 0, 0) for path in (LESSON, FIRST)]
     lesson, first = (pages.to_html(run, tmp_path) for run in runs)
@@ -70,6 +84,11 @@ def test_pages_of_the_course(tab, tmp_path):
     assert formulas(tab, first) == 0
     formulas(tab, pages.write_index(runs, tmp_path))
     assert not [page for page in tmp_path.glob("*.html") if "cdnjs" in page.read_text("utf-8")]
+    assert dead_links(tmp_path) == []
+    tab.goto(lesson.as_uri())
+    assert not tab.locator("details.folded pre").first.is_visible()
+    tab.locator("details.folded summary").first.click()
+    assert tab.locator("details.folded pre").first.is_visible()
 
 
 def test_slides_show_one_at_a_time(tab, slides):
