@@ -4,9 +4,11 @@ import base64
 import mimetypes
 import re
 import shutil
+from html import unescape
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import nbformat
 
@@ -28,6 +30,23 @@ window.MathJax = {tex: {inlineMath: [["$", "$"], ["\\\\(", "\\\\)"]], processEsc
 {% endblock %}
 """
 
+#: Code that is folded in the notebook is folded on its page, too.
+FOLDED = """
+{% block input_group %}
+{% if "hide-input" in cell.metadata.get("tags", [])
+      or cell.metadata.get("jupyter", {}).get("source_hidden") %}
+<details class="folded">
+<summary>{{ cell.metadata.get("mystnb", {}).get("code_prompt_show", "Show the code") }}</summary>
+{{ super() }}
+</details>
+{% else %}{{ super() }}{% endif %}
+{% endblock %}
+"""
+
+#: What the index says first.
+ABOUT = "The notebooks as they ran, with their results, to be read in a browser. "
+ABOUT += "To run and change them yourself: `make lab`.\n"
+
 
 def to_html(run: Run, folder: Path) -> Path:
     """Writes the executed notebook as an HTML page.
@@ -48,8 +67,13 @@ def to_html(run: Run, folder: Path) -> Path:
 
 
 def write_index(runs: list[Run], folder: Path) -> Path:
-    """Writes `index.html` with links to the pages of `runs`, and returns its path."""
-    lines = ["# cotlearn\n"]
+    """Writes `index.html` with links to the pages of `runs`, and returns its path.
+
+    The pages must be there: their links to files that are not become plain text.
+    """
+    for run in runs:
+        unlink_missing(folder / f"{run.path.stem}.html")
+    lines = ["# cotlearn\n", ABOUT]
     for run in runs:
         end = f"; stopped at cell {run.failed}" if run.error else ""
         facts = f"{run.seconds:.0f} s, {run.claims} claims hold{end}"
@@ -87,6 +111,20 @@ def mathjax(folder: Path) -> str:
     return source.name
 
 
+def unlink_missing(page: Path) -> None:
+    """Turns a page's links to files that do not lie beside it into plain text."""
+
+    def checked(found: re.Match[str]) -> str:
+        target = unquote(unescape(found[1])).partition("#")[0]
+        there = not target or re.match("[a-z]+:", target) or (page.parent / target).exists()
+        return found[0] if there else found[2]
+
+    if page.exists():
+        body = page.read_text("utf-8")
+        link = r'<a (?:[^>]* )?href="([^"]*)"[^>]*>(.*?)</a>'
+        write_text(page, re.sub(link, checked, body, flags=re.DOTALL))
+
+
 def with_pictures(body: str, home: Path) -> str:
     """Puts the pictures that a page shows from files into the page.
 
@@ -108,6 +146,6 @@ def _as_html(notebook: Any, path: Path, folder: Path) -> str:
     from nbconvert import HTMLExporter  # takes half a second, and most runs do without
 
     resources = {"metadata": {"name": path.stem}}
-    exporter = HTMLExporter(raw_template=template("lab", folder))
+    exporter = HTMLExporter(raw_template=template("lab", folder) + FOLDED)
     body, _ = exporter.from_notebook_node(notebook, resources=resources)
     return with_pictures(body, path.parent)

@@ -14,6 +14,7 @@ from torch import Tensor
 from cotlearn import plots
 from cotlearn.files import page, write_text
 from cotlearn.report.findings import BATCH, NFE, Findings
+from cotlearn.report.names import in_words, strata, what_to_do
 from cotlearn.report.snippet import own_loop
 from cotlearn.results import machine
 
@@ -54,6 +55,9 @@ def write_page(
             steps=findings.settings["steps"],
             batch=BATCH,
         ),
+        names=in_words(findings),
+        strata=strata(findings),
+        what_to_do=what_to_do(findings),
         command=command,
         model=model and Path(model).name,
         in_python=model and repr(Path(model).name),

@@ -24,6 +24,7 @@ from cotlearn.validation import (
 )
 
 MOST_LABELS = 64  #: distinct values of a vector of labels
+FEW = 20  #: distinct whole values of a column that may be labels
 EXPECTED = "an .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr"
 
 
@@ -84,7 +85,8 @@ def from_arrays(
     """Convert arrays to rows; axes after the first are flattened.
 
     A vector c of strings, booleans or integers holds labels, which become one-hot; a vector of
-    floating-point numbers becomes one column.
+    floating-point numbers becomes one column. A column of a matrix c is a number; where it may hold
+    labels, `Rows.about` says so.
 
     Args:
         x1: (n, ...), the data to generate.
@@ -108,7 +110,7 @@ def from_arrays(
         condition = np.eye(len(found))[index]
     data = Dataset(_numbers(x1, "x1"), _numbers(condition, "c"), name)
     k = data.condition_dim
-    words = f"{k} labels" if labels else f"conditions of {k} numbers"
+    words = f"{k} labels" if labels else f"conditions of {k} numbers{_maybe_labels(data.c)}"
     together = np.arange(len(data)) if group is None else _numbers_or_strings(group, "group")
     if together.shape != (len(data),):
         raise ValueError(f"group must have shape ({len(data)},), got {together.shape}")
@@ -147,6 +149,22 @@ def from_episodes(
     return Rows(rows.data, rows.group, about)
 
 
+def _maybe_labels(c: Tensor | None) -> str:
+    """Words about columns of c (n, k) with 3 to 20 whole values, beside as many others.
+
+    Two values are left out: one column of them says as much as two of one-hot labels.
+    """
+    if c is None or not 2 <= c.shape[1] <= MOST_LABELS:
+        return ""
+    whole = [i for i, column in enumerate(c.T) if torch.equal(column, column.round())]
+    values = {i: len(c[:, i].unique()) for i in whole}
+    few = {i: n for i, n in values.items() if 3 <= n <= min(FEW, len(c) // 3)}
+    if 2 * len(few) > c.shape[1]:
+        return ""
+    hint = "if these are labels, make them one-hot"
+    return "".join(f"; column {i} has {n} values: {hint}" for i, n in few.items())
+
+
 def _numbers_or_strings(value: ArrayLike, name: str) -> NDArray[Any]:
     """An array of real numbers or strings; pandas and NumPy may hold strings as objects."""
     dtype = getattr(value, "dtype", None)
@@ -168,6 +186,10 @@ def _numbers(value: ArrayLike, name: str) -> Tensor:
 
 
 def _read_npz(path: Path) -> Rows:
+    with reading(path, "no .npz file"), path.open("rb") as file:
+        start = file.read(2)
+    if start != b"PK":
+        raise ValueError(f"{path} is no .npz file, as numpy.savez writes it")
     with (
         reading(path, "no .npz file, or holds Python objects"),
         path.open("rb") as file,

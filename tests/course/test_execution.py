@@ -51,6 +51,15 @@ def test_a_notebook_that_runs(write, tmp_path, monkeypatch, capsys):
     assert "An example" in page.read_text(encoding="utf-8")
     index = pages.write_index([run], tmp_path / "pages").read_text(encoding="utf-8")
     assert 'href="00_example.html"' in index
+    assert "The notebooks as they ran" in index
+
+
+def test_links_to_files_that_are_not_there_become_text(tmp_path):
+    page = tmp_path / "a.html"
+    kept = '<a href="a.html#x">1</a> <a href="https://a.b/c">2</a> <a class="z" href="#y">3</a>'
+    page.write_text(f'{kept} <a href="../docs/play.md"><code>4</code></a>', "utf-8")
+    pages.unlink_missing(page)
+    assert page.read_text("utf-8") == f"{kept} <code>4</code>"
 
 
 def test_a_failing_cell_is_named_and_ends_the_run(write):

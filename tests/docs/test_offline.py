@@ -1,5 +1,6 @@
 """Pages of `make course` and slides: without network, with the texts of figures, no solutions."""
 
+import importlib.util
 import re
 import subprocess
 import sys
@@ -8,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cotlearn.course import execution, pages
+from cotlearn.course import assets, execution, pages
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
@@ -62,6 +63,20 @@ def formulas(tab, page):
     return tab.locator("mjx-container svg").count()
 
 
+def dead_links(folder):
+    """Links of the pages of a folder to files that are not there."""
+    links = [
+        (page.name, link)
+        for page in folder.glob("*.html")
+        for link in re.findall(r'<a [^>]*href="([^"#]+)', page.read_text("utf-8"))
+    ]
+    return [(p, link) for p, link in links if ":" not in link and not (folder / link).exists()]
+
+
+def test_slides_have_no_dead_links(slides):
+    assert dead_links(slides) == []
+
+
 def test_pages_of_the_course(tab, tmp_path):
     runs = [execution.Run(path, execution.read(path), 0, 0) for path in (LESSON, FIRST)]
     lesson, first = (pages.to_html(run, tmp_path) for run in runs)
@@ -69,6 +84,11 @@ def test_pages_of_the_course(tab, tmp_path):
     assert formulas(tab, first) == 0
     formulas(tab, pages.write_index(runs, tmp_path))
     assert not [page for page in tmp_path.glob("*.html") if "cdnjs" in page.read_text("utf-8")]
+    assert dead_links(tmp_path) == []
+    tab.goto(lesson.as_uri())
+    assert not tab.locator("details.folded pre").first.is_visible()
+    tab.locator("details.folded summary").first.click()
+    assert tab.locator("details.folded pre").first.is_visible()
 
 
 def test_slides_show_one_at_a_time(tab, slides):
@@ -85,16 +105,55 @@ def test_slides_show_one_at_a_time(tab, slides):
     assert tab.evaluate("Reveal.isOverview()")
 
 
+#: Of each slide: its headings, whether it begins with one, and whether it is too large.
+SIZES = """() => Reveal.getSlides().map(slide => {
+    const {h, v} = Reveal.getIndices(slide);
+    const inside = [...slide.querySelectorAll("pre, table, img")];
+    Reveal.slide(h, v);
+    const right = slide.getBoundingClientRect().right + 1;
+    return {headings: slide.querySelectorAll("h1, h2, h3, h4").length,
+            first: /^H/.test(slide.querySelector(".jp-RenderedHTMLCommon > *")?.tagName),
+            high: slide.scrollHeight > 700,
+            wide: inside.some(part => part.scrollWidth > part.clientWidth + 2
+                                      || part.getBoundingClientRect().right > right)};
+})"""
+
+
+@pytest.mark.parametrize("notebook", [FIRST, LESSON], ids=["00", "03"])
+def test_every_heading_starts_a_slide_and_slides_fit_the_screen(tab, slides, notebook):
+    """Before, 12 of 20 slides were too high, and most headings stood in the middle of one."""
+    tab.set_viewport_size({"width": 1280, "height": 720})
+    formulas(tab, slides / f"{notebook.stem}.slides.html")
+    tab.locator(".reveal.ready").wait_for()
+    sizes = tab.evaluate(SIZES)
+    texts = [cell.source for cell in execution.read(notebook).cells if cell.cell_type == "markdown"]
+    code = re.compile("```.*?```", re.DOTALL)
+    headings = sum(len(re.findall("^#+ ", code.sub("", text), re.MULTILINE)) for text in texts)
+    assert sum(slide["headings"] for slide in sizes) == headings
+    assert all(slide["headings"] == slide["first"] for slide in sizes)
+    assert sum(slide["high"] for slide in sizes) <= len(sizes) / 10
+    assert not any(slide["wide"] for slide in sizes)
+
+
+def test_no_word_of_a_text_is_lost_on_slides():
+    spec = importlib.util.spec_from_file_location("slides", ROOT / "docs" / "slides.py")
+    spec.loader.exec_module(program := importlib.util.module_from_spec(spec))
+    for path in assets.notebooks():
+        for text in (c.source for c in execution.read(path).cells if c.cell_type == "markdown"):
+            assert " ".join(program.PART.findall(text)).split() == text.split()
+
+
 def test_a_slide_that_is_too_high_scrolls(tab, slides):
     formulas(tab, slides / f"{FIRST.stem}.slides.html")
     tab.locator(".reveal.ready").wait_for()
-    high = """() => { for (const slide of Reveal.getSlides()) {
-        const {h, v} = Reveal.getIndices(slide);
-        Reveal.slide(h, v);
-        if (slide.scrollHeight > slide.clientHeight + 5) {
-            slide.scrollTop = 1e6;
-            return [slide.scrollTop, slide.clientHeight];
-        } } }"""
+    high = """() => {
+        Reveal.slide(1, 0);
+        const slide = Reveal.getCurrentSlide(), block = document.createElement("div");
+        block.style.height = "2000px";
+        slide.append(block);
+        slide.scrollTop = 1e6;
+        return [slide.scrollTop, slide.clientHeight];
+    }"""
     top, height = tab.evaluate(high)
     assert top > 0
     assert height <= 700

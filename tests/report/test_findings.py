@@ -16,9 +16,10 @@ from typer.testing import CliRunner
 from cotlearn.cli import app
 from cotlearn.couplings import ConditionalOT, Independent, OwnUnits, StratifiedOT
 from cotlearn.datasets import Dataset
-from cotlearn.diagnostics import Recommendation, between_within, frontier
+from cotlearn.diagnostics import Recommendation, between_within, frontier, recommendation
 from cotlearn.report import FewStepModel, examine, from_arrays, page, read_data, write_page
 from cotlearn.report.findings import split
+from cotlearn.report.names import MEANINGS
 
 
 def two_modes(n=400, seed=0):
@@ -161,6 +162,61 @@ def test_the_snippet_of_the_page_is_python_for_any_name_of_a_model(findings, tmp
     [snippet] = re.findall(r"FewStepModel.load\(.*", html.unescape(text))
     [load] = ast.parse(snippet).body
     assert ast.literal_eval(load.value.args[0]) == name
+
+
+def with_strata(findings):
+    """As `recommend` names and makes them for 1,500 training rows of 2,000."""
+    names = ["independent", "naive OT", "COT x 0.1", "COT x 10", "residuals, 32 rows"]
+    first = findings.advice.frontier["independent"]
+    many = replace(findings.advice.frontier, points=tuple(replace(first, name=n) for n in names))
+    coupling = StratifiedOT(1500 * 3 // 4 // 32, residual=True)
+    advice = replace(findings.advice, name=names[-1], coupling=coupling, frontier=many)
+    free = findings.trials[0]
+    tried = replace(findings.trials[-1], name=names[-1], scores=free.scores - 1)
+    train, data = (Dataset(torch.randn(n, 2), torch.eye(2)[[0] * n], "m") for n in (1500, 2000))
+    rows = replace(findings.rows, data=data, group=np.arange(2000))
+    return replace(findings, advice=advice, trials=(free, tried), train=train, rows=rows)
+
+
+def test_the_page_explains_the_names_that_occur_and_the_number_of_strata(findings, tmp_path):
+    """Before, nothing said what "residuals, 32 rows" are, nor why their code has a 35."""
+    text = write_page(with_strata(findings), tmp_path / "r.html").read_text("utf-8")
+    assert re.findall("<dt>(.*)</dt>", text) == [
+        "independent",
+        "naive OT",
+        "COT x 0.1; COT x 10",
+        "residuals, 32 rows",
+    ]
+    assert "The 35 in KMeansCondition(35) is the number of strata" in text
+    assert "about 32 rows in each: three quarters of the 1500 training rows, in 35 parts" in text
+    assert "all 1500 has about 43 in each" in text
+    assert "2000 rows of your data, about 57." in text
+    before, after = text.split("coupling = StratifiedOT(KMeansCondition(35), residual=True)")
+    details = "samples for one condition have at least"
+    assert (details in before, details in after) == (False, True)
+
+
+def test_every_name_that_is_compared_has_a_meaning():
+    c = torch.randn(2000, 3)
+    labels = torch.eye(3)[torch.arange(2000) % 3]
+    for condition in (c, labels):
+        for name in recommendation.candidates(torch.randn(2000, 2), condition):
+            assert any(re.fullmatch(pattern, name) for pattern in MEANINGS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 1024, 1400])
+def test_no_column_of_a_table_is_out_of_sight(findings, browser, tmp_path, width):
+    """Before, two columns were cut at any width; in a narrow window, a line says so."""
+    page = write_page(with_strata(findings), tmp_path / "r.html")
+    tab = browser.new_page(viewport={"width": width, "height": 900})
+    tab.goto(page.as_uri())
+    over = """[...document.querySelectorAll(".scroll")]
+        .some(part => part.scrollWidth > part.clientWidth)"""
+    assert tab.evaluate(over) == (width < 800)
+    assert tab.locator(".more").first.is_visible() == (width < 800)
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    tab.close()
 
 
 @pytest.mark.parametrize("needed", [2, 4, None])

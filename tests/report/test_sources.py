@@ -46,6 +46,20 @@ def test_labels_become_one_hot(labels):
     assert "2 labels" in rows.about
 
 
+def test_a_column_that_may_hold_labels_is_named():
+    """Before, a class 0, 1 or 2 beside a number was a number without a word."""
+    label, place = np.arange(60) % 3, numbers(60, 2)
+    about = from_arrays(place, np.column_stack([label, place])).about
+    assert about.endswith("; column 0 has 3 values: if these are labels, make them one-hot")
+    others = np.column_stack([np.eye(3)[label], place]), np.column_stack([np.arange(60), place])
+    for c in (
+        *others,
+        np.column_stack([label / 2, place]),
+        np.column_stack([label, 2 * label]),
+    ):
+        assert "one-hot" not in from_arrays(place, c).about
+
+
 def test_strings_are_labels_however_they_are_held():
     """As pandas holds them, and NumPy since version 2."""
     words = ["a", "b", "a"]
@@ -223,7 +237,7 @@ def test_one_damaged_byte_of_an_npz_is_refused_by_name(tmp_path):
             read_data(path)
     np.save(tmp_path / "a.npy", numbers(3))
     (tmp_path / "a.npy").rename(path)
-    with pytest.raises(ValueError, match=r"mine\.npz is damaged"):
+    with pytest.raises(ValueError, match=r"mine\.npz is no \.npz file"):
         read_data(path)
 
 
@@ -254,7 +268,7 @@ def test_damaged_and_foreign_files(tmp_path):
     objects = saved(tmp_path, x1=np.array([{}, {}], dtype=object), c=numbers(2))
     for path, error, message in (
         (tmp_path / "nowhere.npz", FileNotFoundError, "no such file"),
-        (tmp_path / "text.npz", ValueError, "text.npz is damaged or no .npz"),
+        (tmp_path / "text.npz", ValueError, r"text\.npz is no \.npz file"),
         (tmp_path / "empty", ValueError, "no known layout: expected an .npz"),
         (tmp_path / "broken.zarr", ValueError, "broken.zarr"),
         (objects, ValueError, "Python objects"),
