@@ -92,6 +92,7 @@ def grade(
     with reported():
         if not folder.is_dir():
             raise ValueError(f"folder must be a folder of notebooks, got {folder}")
+        console.print(f"reading the files in {escape(printable(str(folder)))} ...")
         with loading():
             from cotlearn.course import grading
 

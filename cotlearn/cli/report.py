@@ -32,7 +32,8 @@ def report(
         model = check_output(model or out.with_suffix(".safetensors"), "model")
         check_separate(data=data, out=out, model=model)
         check_input(data, "data")
-        console.print(f"reading {escape(str(data))}; then tests and two trainings: about 2 minutes")
+        about = f"tests and two trainings of {steps} steps: about {1 + steps // 2000} min"
+        console.print(f"reading {escape(str(data))}; then {about}")
         with loading():
             import torch
 

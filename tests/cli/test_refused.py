@@ -2,6 +2,7 @@
 
 import io
 import os
+import subprocess
 import sys
 import zipfile
 
@@ -169,3 +170,35 @@ def test_limits_are_finite(option, tmp_path):
 def test_feedback_does_not_go_to_the_hand_ins(tmp_path):
     (folder := tmp_path / "in").mkdir()
     assert "out must have another name" in refused("grade", folder, "--out", tmp_path / "in.csv")
+
+
+CODE = """
+import sys
+from cotlearn import cli
+try:
+    cli.app({words!r})
+except SystemExit as ended:
+    print(ended.code, "torch" in sys.modules)
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["check", "99"], "there is no notebook '99'"),
+        (["check", "03", "99"], "there is no notebook '99'"),
+        (["run", "77"], "there is no notebook '77'"),
+        (["report", "nope.npz"], "no such file: nope.npz"),
+        (["train", "push-t", "--data", "nope.npz"], "no such file: nope.npz"),
+        (["bench", "push-t", "--data", "nope.npz"], "no such file: nope.npz"),
+        (["challenge", "nope.py"], "no such file: nope.py"),
+        (["grade", "nope"], "folder must be a folder of notebooks, got nope"),
+        (["watch", "push-t", "--policy", "nope.st"], "no such file: nope.st"),
+    ],
+)
+def test_a_wrong_name_is_refused_before_torch_loads(words, said, tmp_path):
+    code = [sys.executable, "-c", CODE.format(words=words)]
+    done = subprocess.run(code, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert done.stdout == "2 False\n"

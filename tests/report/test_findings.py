@@ -101,7 +101,9 @@ def test_a_sentinel_does_not_hide_its_column(two_candidates, tmp_path):
 def test_a_regression_that_wins_is_the_headline():
     x1, c = two_columns = np.random.default_rng(0).normal(size=(2, 400, 2))
     x1[:] = np.sin(c) + 0.001 * x1
-    found = examine(from_arrays(*two_columns), steps=5, probe_steps=5, pairs=100)
+    said = []
+    found = examine(from_arrays(*two_columns), steps=5, probe_steps=5, pairs=100, say=said.append)
+    assert [text.split()[0] for text in said][:3] == ["comparing", "training", "testing"]
     assert found.advice.regression_wins
     assert found.headline().startswith("Use a regression")
 
