@@ -36,7 +36,9 @@ FOLDED = """
 {% if "hide-input" in cell.metadata.get("tags", [])
       or cell.metadata.get("jupyter", {}).get("source_hidden") %}
 <details class="folded">
-<summary>{{ cell.metadata.get("mystnb", {}).get("code_prompt_show", "Show the code") }}</summary>
+<summary style="font: 14px sans-serif; margin-left: 70px">
+{{ cell.metadata.get("mystnb", {}).get("code_prompt_show", "Show the code") }}
+</summary>
 {{ super() }}
 </details>
 {% else %}{{ super() }}{% endif %}
