@@ -3,6 +3,7 @@
 import inspect
 import os
 import time
+import urllib.request
 
 import pytest
 import torch
@@ -81,3 +82,16 @@ def until(condition, *, patience=120, every=0.05):
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(every)
+
+
+def until_answered(server, port, seconds=120):
+    """Wait until a Jupyter server, a process, answers at its port."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and server.poll() is None:
+        try:
+            urllib.request.urlopen(f"http://localhost:{port}/api", timeout=5)
+        except OSError:
+            time.sleep(0.5)
+        else:
+            return
+    pytest.fail("JupyterLab did not start")

@@ -5,13 +5,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
-import urllib.request
 from pathlib import Path
 
 import pytest
 from ipykernel.ipkernel import IPythonKernel
 from ipykernel.kernelspec import get_kernel_dict
+from support import until_answered
 
 from cotlearn.course import execution
 
@@ -53,24 +52,11 @@ def lab(tmp_path):
     settings = {**os.environ, "JUPYTER_NO_CONFIG": "1", "JUPYTER_CONFIG_DIR": str(tmp_path / "c")}
     server = subprocess.Popen(command, env=settings, stderr=subprocess.DEVNULL)
     try:
-        wait_for(server)
+        until_answered(server, PORT)
         yield tmp_path / "mine"
     finally:
         server.send_signal(signal.SIGINT)  # as Ctrl-C; it ends JupyterLab
         server.wait()
-
-
-def wait_for(server, seconds=120):
-    """Waits until the server answers."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end and server.poll() is None:
-        try:
-            urllib.request.urlopen(f"http://localhost:{PORT}/api", timeout=5)
-        except OSError:
-            time.sleep(0.5)
-        else:
-            return
-    pytest.fail("JupyterLab did not start")
 
 
 @pytest.mark.slow

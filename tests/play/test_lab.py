@@ -4,11 +4,10 @@ import json
 import os
 import subprocess
 import sys
-import time
-import urllib.request
 
 import numpy as np
 import pytest
+from support import until_answered
 
 from cotlearn.robots.episodes import read
 from cotlearn.robots.push_t import PushTExpert, Simulation, coverage, random_state
@@ -41,24 +40,11 @@ def lab(tmp_path):
             env={**os.environ, "JUPYTER_NO_CONFIG": "1"},
         )
         try:
-            wait_for(server)
+            until_answered(server, PORT)
             yield f"http://localhost:{PORT}/lab/tree/hands.ipynb"
         finally:
             server.terminate()
             server.wait()
-
-
-def wait_for(server, seconds=120):
-    """Waits until the server answers."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end and server.poll() is None:
-        try:
-            urllib.request.urlopen(f"http://localhost:{PORT}/api", timeout=5)
-        except OSError:
-            time.sleep(0.5)
-        else:
-            return
-    pytest.fail("JupyterLab did not start")
 
 
 def test_a_hand_in_jupyterlab_records_an_episode(lab, browser, tmp_path):
