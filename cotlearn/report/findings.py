@@ -116,11 +116,13 @@ class Findings:
         interval = f"(95 % interval {gain - 2 * error:.1f} to {gain + 2 * error:.1f})"
         if self.chosen is tried:
             steps = IN_WORDS.get(self.needed or 0)
-            like = f"as good as {steps}, and " if steps else ""
-            like = like if self.needed else f"better than {IN_WORDS[NFE[-1]]}, and "
+            like = f"as good as {steps} of independent pairs, and " if steps else ""
+            if not self.needed:
+                like = f"better than {IN_WORDS[NFE[-1]]} of independent pairs, and "
+            other = "one of theirs" if like else "with independent pairs"
             return (
-                f"One step becomes {like}{gain:.1f} % better than independent pairs at one "
-                f"{interval}: use {tried.name}."
+                f"One step becomes {like}{gain:.1f} % better than {other} {interval}: "
+                f"use {tried.name}."
             )
         found = f"{gain:+.1f} % {interval}"
         word = "A loss" if gain < -2 * error else "No gain shown"
@@ -133,9 +135,8 @@ class Findings:
         share = float(free.spread[0] / self.advice.spread.within)  # inf where there is none
         own = (
             f"Independent pairs have an error of {free.at(1):.3g} at one evaluation, where their "
-            f"samples for one condition have at least {100 * share:.0f} % of the variance that the "
-            "data have there (0 %: all are their mean), and an error of "
-            f"{free.at(NFE[-1]):.3g} at {NFE[-1]}. "
+            f"samples keep at least {100 * share:.0f} % of the variance within a condition "
+            f"(0 %: all are its mean), and an error of {free.at(NFE[-1]):.3g} at {NFE[-1]}. "
         )
         if self.chosen is free:
             near = f"{needed} evaluation{'s come' if needed != 1 else ' comes'} within 1 % of that."

@@ -56,8 +56,8 @@ def test_the_trials(findings):
         (
             0.2,
             0.1,
-            r"One step becomes better than sixteen, and 20.0 % better than independent pairs at "
-            r"one \(95 % interval 18.2 to 21.8\): use COT",
+            r"One step becomes better than sixteen of independent pairs, and 20.0 % better than one "
+            r"of theirs \(95 % interval 18.2 to 21.8\): use COT",
         ),
         (0.01, 0.1, r"No gain shown, \+1.0 % .* use independent pairs"),
         (-0.05, 0.1, r"A loss, -5.0 % .* use independent pairs"),
@@ -194,7 +194,7 @@ def test_the_page_explains_the_names_that_occur_and_the_number_of_strata(finding
     assert "all 1500 has about 43 in each" in text
     assert "2000 rows of your data, about 57." in text
     before, after = text.split("coupling = StratifiedOT(KMeansCondition(35), residual=True)")
-    details = "samples for one condition have at least"
+    details = "of the variance within a condition"
     assert (details in before, details in after) == (False, True)
 
 
@@ -230,7 +230,9 @@ def test_the_first_sentence_says_how_many_steps_one_step_replaces(findings, need
     tried = replace(findings.trials[-1], scores=torch.ones(4, 100))
     found = replace(findings, trials=(free, tried))
     words = {2: "as good as two", 4: "as good as four", None: "better than sixteen"}[needed]
-    assert found.headline().startswith(f"One step becomes {words}, and 66.7 % better")
+    assert found.headline().startswith(
+        f"One step becomes {words} of independent pairs, and 66.7 % better"
+    )
 
 
 COUPLINGS = [
