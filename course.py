@@ -172,8 +172,12 @@ def can_run(python: str | Path, code: str) -> bool:
 
 
 def environment() -> dict[str, str]:
-    """Returns the environment of child processes: nothing of the user's Python leaks in."""
+    """Returns the environment of child processes: nothing of the user's Python leaks in.
+
+    Without bytecode every process would compile all that it imports, for five seconds.
+    """
     leaks = {"PYTHONPATH", "PYTHONHOME", "PYTHONWARNINGS", "PYTHONSTARTUP", "PIP_TARGET"}
+    leaks |= {"PYTHONDONTWRITEBYTECODE", "PYTHONPYCACHEPREFIX"}
     leaks |= {"PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV", "PIP_USER", "__PYVENV_LAUNCHER__"}
     kept = {key: value for key, value in os.environ.items() if key not in leaks}
     for name in ("FIND_LINKS", "INDEX_URL"):  # uv does not read what pip was told

@@ -155,11 +155,12 @@ def test_unknown_command_and_help(script, capsys):
 
 def test_nothing_of_the_users_python_leaks_in(script, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", "/elsewhere")
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")  # else each process compiles its imports
     monkeypatch.setenv("PIP_USER", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", "/wheels")
     monkeypatch.delenv("UV_FIND_LINKS", raising=False)
     environment = script.environment()
-    assert not {"PYTHONPATH", "PIP_USER"} & set(environment)
+    assert not {"PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "PIP_USER"} & set(environment)
     assert environment["UV_FIND_LINKS"] == "/wheels"
     assert environment["PATH"].startswith(str(script.PYTHON.parent))
 
