@@ -56,10 +56,12 @@ import peers
 peers.lerobot()  # before what follows: torchvision may be built for another torch
 from lerobot.datasets.lerobot_dataset import LeRobotDataset  # noqa: E402
 from lerobot.datasets.sampler import EpisodeAwareSampler  # noqa: E402
-from lerobot.datasets.utils import dataset_to_policy_features  # noqa: E402
 from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig  # noqa: E402
 from lerobot.policies.diffusion.modeling_diffusion import DiffusionPolicy  # noqa: E402
-from lerobot.policies.factory import make_pre_post_processors  # noqa: E402
+from lerobot.policies.factory import (  # noqa: E402
+    dataset_to_policy_features,  # its own place is another in 0.6
+    make_pre_post_processors,
+)
 
 TASK = find_task("push-t")
 NFE = (1, 10)

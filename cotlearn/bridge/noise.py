@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import torch
@@ -77,7 +77,7 @@ class PairedNoise:
         self.coupling = validation.check_has(coupling, "coupling", wanted, "match", "traits")
         validation.check_generator(generator)
         self.generator = generator
-        self._kept: list[tuple[Tensor, Tensor]] = []
+        self._kept: list[tuple[Tensor, Tensor, Condition]] = []
         self._checked = False
 
     def __call__(
@@ -99,25 +99,33 @@ class PairedNoise:
         """
         if not self._kept:
             raise ValueError("skew needs noise that was paired with a condition: pair a batch")
-        x0, c = (torch.cat(parts)[:KEPT_ROWS] for parts in zip(*self._kept, strict=True))
-        return linear_skew(x0, c, cells=CELLS)
+        x0, _, conditions = zip(*self._kept, strict=True)
+        noise, c = torch.cat(x0)[:KEPT_ROWS], _together(conditions)[:KEPT_ROWS]
+        return linear_skew(noise[:, self._varied()], c, cells=CELLS)
 
     def _pair(
         self, actions: Tensor, condition: Condition, is_pad: Tensor | None, noise: Tensor | None
     ) -> Tensor:
         """Pair, and keep what was paired until it is enough for the test."""
         options = is_pad, self.generator, noise
-        paired, moved, c = _paired(self.coupling, actions, condition, *options)
-        if c is not None and not self._checked:
-            clusters = getattr(self.coupling, "condition", None)
-            self._kept.append((moved.cpu(), (clusters(c) if clusters else c).float().cpu()))
+        paired, moved, varies = _paired(self.coupling, actions, condition, *options)
+        if condition is not None and not self._checked:
+            if clusters := getattr(self.coupling, "condition", None):
+                condition = clusters(_matrix(condition, "condition", True))
+            self._kept.append((_copied(moved.float()), varies.cpu(), _copied(condition)))
             self._check()
         return paired
 
+    def _varied(self) -> Tensor:
+        """Which columns of the actions varied in some batch."""
+        return torch.stack([varies for _, varies, _ in self._kept]).any(dim=0)
+
     def _check(self) -> None:
         """After enough batches and rows, warn once if the noise is skewed."""
-        rows, columns = sum(len(x0) for x0, _ in self._kept), self._kept[0][0].shape[1]
-        if len(self._kept) < CHECK_AFTER or rows < ROWS_FOR_EACH * max(columns, CELLS):
+        if len(self._kept) < CHECK_AFTER:
+            return
+        rows, columns = sum(len(x0) for x0, *_ in self._kept), int(self._varied().sum())
+        if rows < ROWS_FOR_EACH * max(columns, CELLS):
             return
         self._checked, found = True, self.skew()
         if found.flagged and found.explained > TOO_SKEWED:
@@ -147,8 +155,8 @@ def _paired(
     is_pad: Tensor | None,
     generator: Generator | None,
     noise: Tensor | None,
-) -> tuple[Tensor, Tensor, Tensor | None]:
-    """The noise like `actions`; its columns that were paired, (B, m); the condition, (B, k)."""
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The noise like `actions`, and as a matrix; which of its columns were paired."""
     x1 = validation.check_matrix(_rows(actions, "actions"), "actions")
     validation.check_generator(generator)
     if (worker := get_worker_info()) and generator and generator.initial_seed() != worker.seed:
@@ -173,7 +181,7 @@ def _paired(
     _check_moved(coupling, pairs, x1 * varies, c)
     moved = torch.empty_like(x0)
     moved[pairs.target_index] = torch.where(varies, pairs.x0, x0[pairs.source_index])
-    return moved.view(actions.shape).to(actions.dtype), moved[:, varies].float(), c
+    return moved.view(actions.shape).to(actions.dtype), moved, varies
 
 
 def _rows(value: Any, name: str) -> Tensor:
@@ -204,6 +212,28 @@ def _matrix(value: Any, name: str, clustered: bool) -> Tensor:
         )
     value = value[:, None] if value.ndim == 1 else value.flatten(1)
     return value if value.dtype == torch.float64 else value.float()
+
+
+def _copied(value: Any) -> Any:
+    """A tensor, or a dictionary of some, on the CPU; who called may change his own in place."""
+    if isinstance(value, Mapping):
+        return {name: _copied(part) for name, part in value.items()}
+    return value.detach().to("cpu", copy=True)
+
+
+def _together(conditions: Sequence[Any]) -> Tensor:
+    """The conditions of many batches as one matrix; labels mean the same in each.
+
+    If there are more labels than cells, neighbours count as one.
+    """
+    if isinstance(conditions[0], Mapping):
+        names = conditions[0]
+        return combine({name: _together([c[name] for c in conditions]) for name in names})
+    whole = torch.cat(tuple(conditions))
+    if whole.ndim == 1 and not whole.is_floating_point():
+        labels, whole = torch.unique(whole, return_inverse=True)
+        whole = whole * min(CELLS, len(labels)) // len(labels)
+    return _matrix(whole, "condition", False)
 
 
 def _check_moved(coupling: Coupling, pairs: Pairs, x1: Tensor, c: Tensor | None) -> None:

@@ -208,6 +208,7 @@ def language_model(name):
     policy.config = model.config = SimpleNamespace(
         max_action_dim=32, max_state_dim=32, chunk_size=16, adapt_to_pi_aloha=False,
         output_features={ACTION: SimpleNamespace(shape=(2,))},
+        action_feature=SimpleNamespace(shape=(2,)),
         time_sampling_beta_alpha=1.5, time_sampling_beta_beta=1.0,
         time_sampling_scale=0.999, time_sampling_offset=0.001,
     )  # fmt: skip
@@ -231,6 +232,7 @@ def language_model(name):
     weight = torch.nn.Linear(1, 1)
     layers = [SimpleNamespace(self_attn=SimpleNamespace(q_proj=weight))]
     gemma = SimpleNamespace(language_model=SimpleNamespace(layers=layers))
+    gemma.model = gemma  # where 0.6 looks
     model.embed_prefix, model.embed_suffix = see, embed
     model.vlm_with_expert = SimpleNamespace(forward=run)
     model.paligemma_with_expert = SimpleNamespace(forward=run, paligemma=gemma)

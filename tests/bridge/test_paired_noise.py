@@ -233,6 +233,31 @@ def test_small_batches_are_tested_later():
         pairing(100 * (2.0 * labels[:, None] - 1), labels)
 
 
+def test_a_column_that_is_constant_in_some_batches_does_not_stop_the_test():
+    """As a gripper, which is open in all rows of many a small batch."""
+    pairing, generator = PairedNoise(MinibatchOT(), generator=seeded()), seeded(1)
+    labels, gripper = torch.arange(16) % 2, torch.randn(100, 16, 1, generator=generator) / 10
+    gripper[:67] = 1
+    place = 100 * (2.0 * labels[:, None] - 1)
+    for some in gripper[:99]:
+        pairing(torch.hstack([place, some]), labels)
+    with pytest.warns(RuntimeWarning, match="in 100 batches"):
+        pairing(torch.hstack([place, gripper[99]]), labels)
+    assert pairing.skew().explained == pytest.approx(1 / math.pi, abs=0.04)  # of two columns, one
+
+
+@pytest.mark.parametrize("count", [10, 1000])
+def test_labels_mean_the_same_in_each_batch(count):
+    """Noise that depends on the label is noticed, whichever labels a small batch holds."""
+    pairing, generator = PairedNoise(Independent(), generator=seeded()), seeded(1)
+    labels = torch.randint(count, (100, 8), generator=generator)
+    noise = torch.randn(100, 8, 1, generator=generator) + 3 * labels[..., None] / count - 1.5
+    for some, drawn in zip(labels[:99], noise, strict=False):
+        pairing(torch.rand(8, 1), {"task": some}, noise=drawn)
+    with pytest.warns(RuntimeWarning, match=r"explains 4\d% of the variance of the noise"):
+        pairing(torch.rand(8, 1), {"task": labels[99]}, noise=noise[99])
+
+
 def test_skew_without_rows():
     with pytest.raises(ValueError, match="skew needs noise that was paired with a condition"):
         PairedNoise(MinibatchOT()).skew()
