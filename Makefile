@@ -18,7 +18,7 @@ help:
 	@echo "make lines    count the lines of code of each folder"
 	@echo "make clean    remove the environment and all results"
 
-lab test course docs slides homework release bridge setup:
+lab test check course docs slides homework release bridge setup:
 	@"$(PYTHON)" course.py $@ $(ARGS)
 
 lines:

@@ -26,6 +26,7 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -114,11 +115,27 @@ def install(*what: str) -> None:
     """Installs at the exact versions: with uv, which takes a tenth of the time, or with pip."""
     print(f"Installing {' '.join(what)} ...", flush=True)
     uv = shutil.which("uv", path=environment()["PATH"])
-    for installer in ([uv, "pip"], [PYTHON, "-m", "pip"])[0 if uv else 1 :]:
-        options = ["--quiet", "--constraint", "constraints.txt"]
-        if run(*installer, "install", *what, *options) == 0:
+    options = ["--quiet", "--constraint", "constraints.txt"]
+    done = threading.Event()
+    threading.Thread(target=count_minutes, args=[done], daemon=True).start()
+    try:
+        if uv and run(uv, "pip", "install", *what, *options) == 0:
             return
+        if uv:
+            print("uv could not; pip tries now, which takes some minutes ...", flush=True)
+        if run(PYTHON, "-m", "pip", "install", *what, *options) == 0:
+            return
+    finally:
+        done.set()
     sys.exit("The installation failed; the lines above say why. Is the network reachable?")
+
+
+def count_minutes(done: threading.Event) -> None:
+    """Says each minute that the installation goes on."""
+    minutes = 0
+    while not done.wait(60):
+        minutes += 1
+        print(f"installing, {minutes} min so far ...", flush=True)
 
 
 def commands(words: list[str]) -> dict[str, list[list[str]]]:

@@ -3,9 +3,11 @@
 import importlib.util
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from unittest import mock
 
 import nbformat
 import pytest
@@ -151,6 +153,21 @@ def test_unknown_command_and_help(script, capsys):
     assert "there are: test, lab, check, course" in capsys.readouterr().out
     assert script.main([]) == 2
     assert "python course.py lab" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+def test_make_has_a_recipe_for_every_command(script):
+    """`make check` did nothing, and said so as if all was well."""
+    for name in [*script.commands([]), "test"]:
+        command = ["make", "--dry-run", f"--directory={ROOT}", name]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert f"course.py {name}" in done.stdout, done.stderr
+
+
+def test_the_installation_says_each_minute_that_it_goes_on(script, capsys):
+    done = mock.Mock(wait=mock.Mock(side_effect=[False, False, True]))
+    script.count_minutes(done)
+    assert capsys.readouterr().out.splitlines()[-1] == "installing, 2 min so far ..."
 
 
 def test_nothing_of_the_users_python_leaks_in(script, monkeypatch):

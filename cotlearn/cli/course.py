@@ -193,6 +193,10 @@ def doctor() -> None:
         table.add_row(mark, escape(finding.name), escape(finding.found))
     console.print(table)
     missing = [finding for finding in findings if not finding.ok]
+    if not any(finding.required for finding in missing) and assets.checkout() is None:
+        console.print("\nThe library has all it needs; what is marked ! is for the course.")
+        console.print(f"The course: clone or unpack it, then {escape(how_to_install('course'))}")
+        raise typer.Exit(0)
     for finding in missing:
         kind = "needed" if finding.required else "good to have"
         console.print(f"\n[bold]{escape(finding.name)}[/] ({kind}): fix it with")

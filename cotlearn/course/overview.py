@@ -11,7 +11,7 @@ def progress() -> None:
     Raises:
         ValueError: If there are no notebooks, or one is damaged.
     """
-    from rich.console import Console  # late: few of those who import a check look here
+    from rich.console import Console, Group  # late: few of those who import a check look here
     from rich.markup import escape
     from rich.table import Table
 
@@ -28,7 +28,7 @@ def progress() -> None:
         for item, verdict in zip(assignment.questions, verdicts, strict=True):
             if verdict != "correct":
                 left.append(f"{item.name} in {assignment.path.name}")
-    console = Console(highlight=False, soft_wrap=True)
-    console.print(table)
-    console.print(f"next: {left[0]}" if left else "all exercises are done")
-    console.print(f"kept in {escape(str(record.file()))}, and sent nowhere")
+    last = escape(f"next: {left[0]}" if left else "all exercises are done")
+    kept = f"kept in {escape(str(record.file()))}, and sent nowhere"
+    # in one piece: a notebook leaves a gap between prints, and clips the last line's underscores
+    Console(highlight=False, soft_wrap=True).print(Group(table, f"{last}\n{kept}", ""))

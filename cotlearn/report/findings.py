@@ -178,9 +178,10 @@ def split(rows: Rows, *, seed: int = 0) -> tuple[NDArray[np.int64], NDArray[np.i
     out = np.isin(rows.group, rng.permutation(groups)[: groups // 4])
     inside, outside = (rng.permutation(np.flatnonzero(part)) for part in (~out, out))
     if len(inside) < FEWEST or len(outside) < FEWEST_OUT:
+        whole = "" if groups < n else "; 134 rows are enough"
         raise ValueError(
             f"{name} has {n} rows, {len(inside)} to train on and {len(outside)} held out; "
-            f"at least {FEWEST} and {FEWEST_OUT} are needed"
+            f"at least {FEWEST} and {FEWEST_OUT} are needed{whole}"
         )
     return inside[:MOST], outside[:TEST_ROWS]
 

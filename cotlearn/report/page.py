@@ -52,6 +52,7 @@ def write_page(
             findings.coupling,
             findings.train,
             findings.rows.code,
+            name=findings.chosen.name,
             steps=findings.settings["steps"],
             batch=BATCH,
         ),

@@ -23,7 +23,7 @@ data = Dataset(Standardiser.fit(x1)(x1), TamedStandardiser.fit(c)(c))
 network = VelocityMLP({dim}, {condition_dim})  # or your own
 optimizer = torch.optim.Adam(network.parameters(), lr=1e-3)
 
-coupling = {coupling}
+coupling = {coupling}{called}
 batches = coupling.stream(data, batch_size={batch})
 for _ in range({steps}):
     pairs = next(batches)  # noise x0, data x1 and condition c that belong together
@@ -36,20 +36,25 @@ for _ in range({steps}):
 
 some = data.c[:10]
 noise = torch.randn(len(some), {dim})
-samples = noise + network(torch.zeros(len(some)), noise, some)  # in one step
+samples = noise + network(torch.zeros(len(some)), noise, some)  # in one step, standardised
+print(Standardiser.fit(x1).inverse(samples))
 """
 
 
-def own_loop(coupling: Coupling, data: Dataset, code: str, *, steps: int, batch: int) -> str:
+def own_loop(
+    coupling: Coupling, data: Dataset, code: str, *, name: str, steps: int, batch: int
+) -> str:
     """Python that reads the data again and trains on pairs of `coupling`.
 
     Args:
         coupling: of a report.
         data: its rows, for their numbers of columns.
         code: `Rows.code`; empty for data that are arrays x1 and c of the reader.
+        name: of the coupling in the report.
         steps: gradient steps.
         batch: rows of a batch.
     """
+    called = f"{name}, in the units of these data" if name.startswith("COT x") else name
     word = "read_data" if code else "from_arrays"
     read = f"rows = {code}" if code else "rows = from_arrays(x1, c)  # your two arrays"
     return LOOP.format(
@@ -59,6 +64,7 @@ def own_loop(coupling: Coupling, data: Dataset, code: str, *, steps: int, batch:
         dim=data.dim,
         condition_dim=data.condition_dim,
         coupling=as_code(coupling),
+        called=f"  # {called}",
         batch=min(batch, len(data)),
         steps=steps,
     )

@@ -56,8 +56,8 @@ def test_the_trials(findings):
         (
             0.2,
             0.1,
-            r"One step becomes better than sixteen of independent pairs, and 20.0 % better than one "
-            r"of theirs \(95 % interval 18.2 to 21.8\): use COT",
+            r"One step becomes better than sixteen of independent pairs, and 20.0 % better than "
+            r"one of theirs \(95 % interval 18.2 to 21.8\): use COT",
         ),
         (0.01, 0.1, r"No gain shown, \+1.0 % .* use independent pairs"),
         (-0.05, 0.1, r"A loss, -5.0 % .* use independent pairs"),
@@ -264,7 +264,7 @@ def test_the_loop_of_the_page_runs_for_any_coupling_and_file(coupling, code, fin
     found = replace(findings, rows=rows, trials=trials, advice=advice, settings=settings)
     text = write_page(found, tmp_path / "r.html").read_text("utf-8")
     [loop] = re.findall(r"<pre>(import torch\n.*?)</pre>", text, re.DOTALL)
-    assert f"coupling = {code}\n" in html.unescape(loop)
+    assert f"coupling = {code}  # {trials[-1].name}" in html.unescape(loop)
     names = {}
     exec(compile(html.unescape(loop), "the page", "exec"), names)
     assert names["samples"].shape == (10, 2)
