@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Mapping
 from types import MethodType, TracebackType
 from typing import Any
@@ -63,7 +64,9 @@ def pair_lerobot(
     """Let a policy of LeRobot train on paired noise; its `forward(batch)` is called as before.
 
     - `DiffusionPolicy` becomes a flow: the loss is |network - (actions - noise)|^2 on straight
-      paths, and sampling takes `nfe` Euler steps from plain noise.
+      paths, and sampling takes `nfe` Euler steps from plain noise, then clips as `clip_sample` and
+      `clip_sample_range` of its configuration say. A checkpoint does not know of this: call this
+      function again for a policy that was loaded, or it trains and samples as a diffusion.
     - `MultiTaskDiTPolicy` with objective="flow_matching", and SmolVLA, pi0 and pi0.5 are flows
       already; only the noise of their loss changes. They sample as before.
 
@@ -143,7 +146,8 @@ def _diffusion(model: Any, draw: Draw, nfe: int) -> Change:
             for step in range(nfe):
                 t = torch.full((batch_size,), steps * step / nfe, **kind)
                 x = x + self.unet(x, t, global_cond=global_cond) / nfe
-            return x
+            reach = self.config.clip_sample_range if self.config.clip_sample else math.inf
+            return x.clamp(-reach, reach)
 
         return conditional_sample
 

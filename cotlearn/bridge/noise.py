@@ -128,14 +128,33 @@ class PairedNoise:
         if rows < ROWS_FOR_EACH * max(columns, CELLS):
             return
         self._checked, found = True, self.skew()
+        _warn_if_constant([condition for *_, condition in self._kept])
         if found.flagged and found.explained > TOO_SKEWED:
+            heeds = self.coupling.traits.needs_condition
+            advice = "a larger condition_weight, or clusters" if heeds else "ConditionalOT()"
             warnings.warn(
                 f"the condition explains {found.explained:.0%} of the variance of the noise that "
                 f"{self.coupling!r} paired in {len(self._kept)} batches, so sampling will start "
-                "from other noise than training; take a larger condition_weight, or clusters",
+                f"from other noise than training; take {advice}",
                 RuntimeWarning,
                 stacklevel=5,
             )
+
+
+def _warn_if_constant(conditions: Sequence[Any], name: str = "the condition") -> None:
+    """Warn if a condition, or a part of it, was the same in all rows of all batches."""
+    if isinstance(conditions[0], Mapping):
+        for part in conditions[0]:
+            _warn_if_constant([c[part] for c in conditions], f"{part!r} of the condition")
+        return
+    whole = torch.cat(tuple(conditions))
+    if (whole == whole[0]).all():
+        warnings.warn(
+            f"{name} was the same in all {len(whole)} rows, so that nothing is paired by it; "
+            "clusters must be fitted to pictures that are scaled as those of the batches",
+            RuntimeWarning,
+            stacklevel=6,
+        )
 
 
 def as_pairing(pairing: Coupling | PairedNoise) -> PairedNoise:

@@ -106,13 +106,16 @@ def test_its_loss_leaves_padded_steps_out_if_it_is_told_to():
 
 @pytest.mark.slow
 def test_it_samples_in_euler_steps_and_remove_restores_the_diffusion():
-    policy, noise = diffusion(), torch.randn(4, 16, 2)
+    policy, noise = diffusion(clip_sample=False), torch.randn(4, 16, 2)
     policy.diffusion.unet = network = Recorded(torch.tensor([1.0, -2.0]))
     with pair_lerobot(policy, ConditionalOT(), nfe=4):
         assert "compute_loss" in vars(policy.diffusion)
         found = policy.diffusion.conditional_sample(4, noise=noise)
+        policy.config.clip_sample, policy.config.clip_sample_range = True, 1.5
+        clipped = policy.diffusion.conditional_sample(4, noise=noise)
+    assert torch.equal(clipped, found.clamp(-1.5, 1.5))  # before, actions left the robot's range
     assert torch.allclose(found, noise + network.velocity, atol=1e-6)
-    assert [float(t[0]) for _, t, _ in network.given] == [0, 25, 50, 75]
+    assert [float(t[0]) for _, t, _ in network.given[:4]] == [0, 25, 50, 75]
     assert not {"compute_loss", "conditional_sample"} & set(vars(policy.diffusion))
 
 

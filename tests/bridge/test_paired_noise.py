@@ -258,6 +258,24 @@ def test_labels_mean_the_same_in_each_batch(count):
         pairing(torch.rand(8, 1), {"task": labels[99]}, noise=noise[99])
 
 
+@pytest.mark.parametrize("several", [True, False])
+def test_a_picture_that_is_one_cluster_everywhere_is_noticed(several):
+    """Clusters fitted to raw pictures see one picture in normalised ones, without an error."""
+    pairing, generator = PairedNoise(ConditionalOT(), generator=seeded()), seeded(1)
+    picture = torch.ones(8, 3)
+
+    def some():
+        state = torch.randn(8, 2, generator=generator)
+        condition = {"state": state, "picture": picture} if several else picture
+        pairing(torch.randn(8, 1, generator=generator), condition)
+
+    for _ in range(99):
+        some()
+    words = "'picture' of the condition" if several else "the condition"
+    with pytest.warns(RuntimeWarning, match=f"{words} was the same in all 800 rows"):
+        some()
+
+
 def test_skew_without_rows():
     with pytest.raises(ValueError, match="skew needs noise that was paired with a condition"):
         PairedNoise(MinibatchOT()).skew()
