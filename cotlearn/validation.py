@@ -50,9 +50,10 @@ def check_matrix(value: Any, name: str, *, columns: int | None = None, hint: str
     if columns is not None and value.shape[1] != columns:
         raise ValueError(f"{name} has {value.shape[1]} columns, expected {columns}")
     if not math.isfinite(value.detach().sum()):  # quick; large finite numbers can overflow, too
-        bad = int((~torch.isfinite(value)).any(dim=1).sum())
-        if bad:
-            raise ValueError(f"{name} has NaN or infinite values in {bad} of {len(value)} rows")
+        bad = (~torch.isfinite(value)).any(dim=1).nonzero()[:, 0]
+        if len(bad):
+            where = f"{len(bad)} of {len(value)} rows, the first is row {int(bad[0])}"
+            raise ValueError(f"{name} has NaN or infinite values in {where}")
     return value
 
 

@@ -133,7 +133,7 @@ def check_notebooks() -> Finding:
         return _library_only("notebooks")
     found = len(assets.notebooks())
     remedy = assets.remedy("", folder="notebooks")
-    return Finding("notebooks", f"{found} found", ok=found > 0, remedy=remedy)
+    return Finding("notebooks", f"{found} lessons found", ok=found > 0, remedy=remedy)
 
 
 def check_data() -> Finding:

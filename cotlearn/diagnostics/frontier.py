@@ -139,7 +139,7 @@ def frontier(
     train, test = held_out(x1, c, seed, groups)
     batch_size = min(batch_size, len(train))
     points = []
-    with progress_bar(total=len(couplings), what="frontier", show=progress) as bar:
+    with progress_bar(total=len(couplings), what="couplings compared", show=progress) as bar:
         for name, coupling in couplings.items():
             check_has(
                 coupling, f"couplings[{name!r}]", "a coupling such as Independent()", "stream"
