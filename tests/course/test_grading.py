@@ -169,13 +169,14 @@ def test_an_endless_loop_costs_its_time_once(tmp_path, masters, monkeypatch):
 
 def test_the_time_of_imports_is_not_the_students(tmp_path, masters, monkeypatch):
     """On a busy machine an import may take longer than a cell may."""
-    (tmp_path / "slowly.py").write_text("import time\ntime.sleep(6)\nONE = 1")
+    (tmp_path / "slowly.py").write_text("import time\ntime.sleep(6)\nSLOW = 1")
     path = filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")])
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))
-    cells = ("%%capture said\nfrom slowly import ONE",)
-    euler = f"from slowly import ONE\n{EULER.replace('x = x0', 'x = x0 * ONE')}"
-    for name, answer in {"plain": euler, "all": HONEST.replace(ALL, "ONE")}.items():
-        hand_in(tmp_path, name, answer.replace("full(", "torch.full("), cells)
+    plain = f"from slowly import SLOW\n{EULER.replace('x = x0', 'x = x0 * SLOW')}"
+    honest = HONEST.replace(ALL, f"{ALL} * SLOW")
+    cells = (*CELLS, "%%capture said\nfrom slowly import SLOW")
+    for name, answer, before in (("plain", plain, ()), ("honest", honest, cells)):
+        hand_in(tmp_path, name, answer, before)
         found = mark(tmp_path / f"{name}.ipynb", hidden=True, masters=masters, limits=LIMITS)
         assert (found.points, found.note) == (4, "")
 
