@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 
 from cotlearn.cli.terminal import console, reported
-from cotlearn.course import copies, record
+from cotlearn.course import copies, record, submissions
 from cotlearn.course.checking import printable
 from cotlearn.course.overview import SIGNS
 from cotlearn.files import check_output
@@ -92,12 +92,12 @@ def grade(
     with reported():
         if not folder.is_dir():
             raise ValueError(f"folder must be a folder of notebooks, got {folder}")
-        console.print(f"reading the files in {escape(printable(str(folder)))} ...")
+        pages = submissions.pages_of(folder, out)
+        console.print("loading the tests ...")
         with loading():
             from cotlearn.course import grading
 
-        if out.name and out.with_suffix("").resolve() == folder.resolve():
-            raise ValueError(f"out must have another name than the folder {folder}, got {out}")
+        console.print(f"reading the files in {escape(printable(str(folder)))} ...")
         limits = _limits(seconds, gigabytes)
         rows = grading.grade(
             folder,
@@ -107,17 +107,22 @@ def grade(
             limits=limits,
             begin=lambda file: console.print(f"{escape(file)}: marking ..."),
             each=_print_row,
+            meanwhile=_print_wait,
         )
     unread = [row for row in rows if not row.marked.marks]
     known = sum(row.kept for row in rows)
     console.print(f"{len(rows)} files: {known} known from before, {len(unread)} not gradable")
-    console.print(f"table: {escape(str(out))}; pages: {escape(str(out.with_suffix('')))}")
+    console.print(f"table: {escape(str(out))}; pages: {escape(str(pages))}")
 
 
 def _print_row(row: Row, done: int, total: int) -> None:
     marked = row.marked
     result = f"{marked.points:g} of {marked.out_of:g}" if marked.marks else marked.note
-    console.print(f"{done}/{total} {escape(row.file)}: {escape(result)}")
+    console.print(f"{escape(row.file)}: {escape(result)} ({done} of {total})")
+
+
+def _print_wait(files: list[str], done: int, total: int) -> None:
+    console.print(f"still marking {escape(', '.join(files))} ({done} of {total} done)")
 
 
 @app.command()

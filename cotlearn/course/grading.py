@@ -6,9 +6,11 @@ run can be stopped at any time and repeated: only what is new or changed is grad
 
 import csv
 import hashlib
+import html
 import io
 import json
 import os
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,9 +19,9 @@ import cotlearn
 from cotlearn.course import assignments, checks, submissions
 from cotlearn.course.checking import TOO_LONG, printable
 from cotlearn.course.kernel import Limits, in_parallel
-from cotlearn.course.marking import Mark, Marked, mark
+from cotlearn.course.marking import NOT_REACHED, Mark, Marked, mark
 from cotlearn.course.submissions import MOST_BYTES
-from cotlearn.files import check_output, write_text
+from cotlearn.files import write_text
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ def grade(
     limits: Limits,
     begin: Callable[[str], None] | None = None,
     each: Callable[[Row, int, int], None] | None = None,
+    meanwhile: Callable[[list[str], int, int], None] | None = None,
 ) -> list[Row]:
     """Grades all notebooks in a folder and its subfolders; every file gets a row.
 
@@ -58,26 +61,26 @@ def grade(
         limits: The limits on each notebook.
         begin: Called with the name of each file that takes a kernel, from several threads.
         each: Called after each file as each(row, files done, files in total).
+        meanwhile: Called after each minute in which no file was done, as meanwhile(names of the
+            files that are being marked, files done, files in total).
 
     Returns:
         The rows, sorted by file name.
 
     Raises:
-        ValueError: The folder is missing or holds no file, `out` cannot be written, or there are no
-            masters with hidden tests.
+        ValueError: The folder is missing or holds no file, `out` cannot be written or its pages
+            would lie among the hand-ins, or there are no masters with hidden tests.
         KeyboardInterrupt: Ctrl-C was pressed; finished results are kept.
     """
     if not folder.is_dir():
         raise ValueError(f"folder must be a folder of notebooks, got {folder}")
-    if out.is_dir() or not out.suffix:
-        raise ValueError(f"out must be a file such as grades.csv, got {out}")
-    pages = out.with_suffix("")
-    check_output(pages / "page", "out")
+    pages = submissions.pages_of(folder, out)
     files = _handed_in(folder, without={out.absolute(), pages.absolute()})
     if not files:
         raise ValueError(f"there is no notebook (*.ipynb) in {folder}")
     tests = _about(_masters(masters), limits)
     rows: list[Row] = []
+    begun: list[str] = []
 
     def name(path: Path) -> str:
         return printable(path.relative_to(folder).as_posix(), 1000)
@@ -95,6 +98,7 @@ def grade(
         return None
 
     def one(path: Path) -> Row:
+        begun.append(name(path))
         if begin is not None:
             begin(name(path))
         try:
@@ -110,13 +114,19 @@ def grade(
         if each is not None:
             each(row, len(rows), len(files))
 
+    def a_minute_later() -> None:
+        done = {row.file for row in rows}
+        if meanwhile is not None:
+            meanwhile([file for file in begun if file not in done], len(rows), len(files))
+
     waiting = []
     for path in files:  # those that need no kernel wait for no other
         if (row := at_once(path)) is not None:
             then(row)
         else:
             waiting.append(path)
-    in_parallel(one, waiting, workers=workers or os.cpu_count() or 1, then=then)
+    at_most = workers or os.cpu_count() or 1
+    in_parallel(one, waiting, workers=at_most, then=then, meanwhile=a_minute_later)
     rows.sort(key=lambda row: row.file)
     write_text(out, table(rows), encoding="utf-8-sig")  # so that Excel reads the accents
     return rows
@@ -209,9 +219,10 @@ def table(rows: Iterable[Row]) -> str:
 
 
 def _remarks(marked: Marked) -> str:
-    """The note on a notebook, and which answers were stopped."""
+    """The note on a notebook, and which answers were stopped or not reached."""
     said = [(item.question, text) for item in marked.marks for text in (item.sentence, *item.hints)]
-    stopped = [f"{name}: {text.partition(';')[0]}" for name, text in said if TOO_LONG in text]
+    said = [(name, text) for name, text in said if TOO_LONG in text or NOT_REACHED in text]
+    stopped = [f"{name}: {text.partition(';')[0]}" for name, text in said]
     return "; ".join(dict.fromkeys(filter(None, [marked.note, *stopped])))
 
 
@@ -222,11 +233,12 @@ def _plain(text: str) -> str:
 
 def page(file: str, marked: Marked) -> str:
     """Returns the page of a student, as Markdown."""
+    file, note = _plain_markdown(file), _plain_markdown(marked.note)
     if not marked.marks:
-        return f"# {file}\n\nThis could not be graded: {marked.note}.\n"
+        return f"# {file}\n\nThis could not be graded: {note}.\n"
     lines = [f"# {marked.title}", "", f"{file}: {marked.points:g} of {marked.out_of:g} points", ""]
-    if marked.note:
-        lines += [f"Note: {marked.note}.", ""]
+    if note:
+        lines += [f"Note: {note}.", ""]
     for item in marked.marks:
         lines += [f"## {item.question}: {item.points:g} of {item.out_of:g}", "", *_words(item), ""]
     return "\n".join(lines)
@@ -237,7 +249,17 @@ def _words(item: Mark) -> list[str]:
         return ["✓ correct"]
     if item.verdict == "not attempted yet":
         return ["not attempted"]
-    first = f"✗ {item.sentence}"
+    first = f"✗ {_plain_markdown(item.sentence)}"
     if item.verdict == "correct":
         first = "✓ the self-check passes, and a hidden test does not:"
-    return [first, *(f"- {hint}" for hint in item.hints if hint != item.sentence)]
+    hints = (hint for hint in item.hints if hint != item.sentence)
+    return [first, *(f"- {_plain_markdown(hint)}" for hint in hints)]
+
+
+def _plain_markdown(text: str) -> str:
+    """Escapes a text in which a student's words may be, so that it is shown as it is.
+
+    No tag, link, image, code or emphasis comes of it. An underscore inside a word is none.
+    """
+    marks = r"\\(?=[^\w\s])|[`*\[]|(?<![^\W_])_|_(?![^\W_])"
+    return html.escape(re.sub(marks, r"\\\g<0>", text), quote=False)

@@ -1,10 +1,15 @@
 """What is done in the kernel of a hand-in: its limits, and the checks of its answers."""
 
+import ast
+import importlib
 import inspect
 import math
 import os
 import random
+import re
 import sys
+import traceback
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,6 +19,8 @@ from IPython.display import display
 
 from cotlearn import course
 from cotlearn.course import checking
+
+_CELL_MAGICS = re.compile(r"\A(\s*%%.*\n)+")  #: such as %%time, above the code
 
 
 def begin(exercise: str, gigabytes: float | None) -> None:
@@ -25,6 +32,8 @@ def begin(exercise: str, gigabytes: float | None) -> None:
             no limit.
     """
     checking.find(exercise)
+    if "cotlearn.metrics" in sys.modules:
+        importlib.import_module("ot")  # which it imports late, in the time of an answer
     checking.TIME_LIMIT = math.inf  # the kernel has its own
     course.check = lambda answer, name: checking.Verdict.NOT_ATTEMPTED  # the cells' own checks
     course.passed = lambda *names: False  # and nobody waits for their trainings
@@ -37,6 +46,25 @@ def begin(exercise: str, gigabytes: float | None) -> None:
     if gigabytes is not None:
         _limit_memory(gigabytes)
     _show()
+
+
+def load(source: str) -> None:
+    """Imports what a cell imports, and binds no name; what fails here fails again in the cell."""
+    for statement in _imports(source):
+        module = ast.Module([statement], type_ignores=[])
+        try:
+            exec(compile(module, "<import>", "exec"), {})
+        except (Exception, SystemExit):
+            importlib.invalidate_caches()  # the cell may write the module first
+
+
+def _imports(source: str) -> Iterator[ast.stmt]:
+    """The imports in a cell, whose magics are left out."""
+    try:
+        tree = ast.parse(get_ipython().transform_cell(_CELL_MAGICS.sub("", source)))
+    except (SyntaxError, ValueError, RecursionError):
+        return
+    yield from (node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom))
 
 
 def _leave() -> None:
@@ -80,16 +108,29 @@ def test(source: str, hint: str) -> None:
 
     Args:
         source: Of one function; its arguments are names in the hand-in.
-        hint: The message if an assertion fails.
+        hint: The message if an assertion fails that has none of its own.
     """
     try:
         _run(source)
-    except AssertionError as error:
-        _show(hint or str(error) or "a hidden test failed")
     except (Exception, SystemExit) as error:
-        _show(f"your answer {checking.said(error)}" + (f" ({hint})" if hint else ""))
+        _show(_complaint(error, hint))
     else:
         _show("")
+
+
+def _complaint(error: BaseException, hint: str) -> str:
+    """What a hidden test says of an error; its hint is about its assertions only."""
+    if _is_from_answer(error):
+        return f"your answer {checking.said(error)}"
+    if isinstance(error, AssertionError):
+        return str(error) or hint or "a hidden test failed"
+    return f"what your answer returned does not fit: the hidden test {checking.said(error)}"
+
+
+def _is_from_answer(error: BaseException) -> bool:
+    """Whether an error passed through code of the hand-in."""
+    frames = (frame for frame, _ in traceback.walk_tb(error.__traceback__))
+    return any(frame.f_globals is get_ipython().user_ns for frame in frames)
 
 
 def _run(source: str) -> None:

@@ -5,7 +5,8 @@ again with all cells, in order, as a person would run them. A step that ends its
 of the next one, so that it costs nothing else.
 """
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
@@ -18,6 +19,8 @@ from cotlearn.course.kernel import Ended, Kernel, Limits, started
 from cotlearn.course.submissions import Cell, Submission
 
 KERNELS = 10  #: that a notebook may take
+NOT_REACHED = "not reached"  #: how the sentence on an answer begins that no kernel came to
+_MISSING = re.compile(r"name '(\w+)' is not defined")
 
 #: A cell, by its number, or a test, by its question and number; 0 is the self-check.
 Step = int | tuple[str, int]
@@ -63,7 +66,7 @@ class Marked:
         assignment: name such as "hw1"; "" if it is unknown.
         title: title of the assignment.
         marks: one mark per question.
-        note: problem of the notebook as a whole; "" if there is none.
+        note: what concerns the whole notebook, such as a cell that was left out; else "".
     """
 
     assignment: str = ""
@@ -102,11 +105,16 @@ def mark(
     questions = assignment.questions
     if not hidden:
         questions = tuple(replace(question, tests=()) for question in questions)
-    marks = _Marking(submission, questions).run(limits or Limits())
+    marking = _Marking(submission, questions)
+    marks = marking.run(limits or Limits())
+    notes = [*_other_version(submission), *marking.notes()]
+    return Marked(assignment.name, assignment.title, marks, "; ".join(notes))
+
+
+def _other_version(submission: Submission) -> Iterator[str]:
     made, here = submission.version, cotlearn.__version__
-    other = made and made.split(".")[:2] != here.split(".")[:2]
-    note = f"made with cotlearn {printable(made, 40)}, marked with {here}" if other else ""
-    return Marked(assignment.name, assignment.title, marks, note)
+    if made and made.split(".")[:2] != here.split(".")[:2]:
+        yield f"made with cotlearn {printable(made, 40)}, marked with {here}"
 
 
 class _Marking:
@@ -117,6 +125,7 @@ class _Marking:
         self.marks: dict[str, Mark] = {}
         self.step: Step = 0  # the last that was taken
         self.left_out: dict[Step, str] = {}  # what they did
+        self.skipped: set[Step] = set()  # those of them that were due again
         self.errors: dict[int, str] = {}  # of cells
 
     def run(self, limits: Limits) -> list[Mark]:
@@ -137,6 +146,27 @@ class _Marking:
             cells = whole
         return [self.marks.get(asked.name) or _lost(asked) for asked in self.questions]
 
+    def notes(self) -> Iterator[str]:
+        """Says of each cell that was left out, or that failed and is missed, what it did."""
+        for cell in self.submission.cells:
+            if cell.number in self.skipped:
+                did = self.left_out[cell.number].partition(";")[0].removesuffix(" and was stopped")
+                yield f"cell {cell.number} {did} and was left out"
+            elif names := self._missed(cell):
+                lost = ", ".join(names)
+                yield f"cell {cell.number} {self.errors[cell.number]} (missing later: {lost})"
+
+    def _missed(self, cell: Cell) -> list[str]:
+        """The names in a cell that failed which an answer did not find."""
+        error = self.errors.get(cell.number)
+        if error is None:
+            return []
+        said = [text for mark in self.marks.values() for text in (mark.sentence, *mark.hints)]
+        missing = dict.fromkeys(name for text in said for name in _MISSING.findall(text))
+        own = _MISSING.findall(error)  # the cell itself did not find them
+        in_it = set(re.findall(r"\w+", cell.source)).difference(own)
+        return [name for name in missing if name in in_it]
+
     def _leave_out_calls(self, why: str) -> None:
         """An answer that never ended is not called again: each of its calls would take as long."""
         if TOO_LONG not in why or isinstance(self.step, int):
@@ -144,7 +174,7 @@ class _Marking:
         [asked] = [asked for asked in self.questions if asked.name == self.step[0]]
         for cell in self.submission.cells:
             if f"{asked.answer}(" in cell.source and not any(map(cell.defines, self.questions)):
-                self.left_out.setdefault(cell.number, why)
+                self.left_out.setdefault(cell.number, f"calls {asked.answer}, which {why}")
 
     def _open(self) -> list[Question]:
         """The questions of which another try may find more."""
@@ -166,9 +196,11 @@ class _Marking:
             self._judge(asked, kernel)
 
     def _run(self, cell: Cell, kernel: Kernel) -> None:
+        self.errors.pop(cell.number, None)  # of an earlier kernel
         for output in self._take(cell.number, kernel.run, cell.source) or []:
             if output["output_type"] == "error":
-                self.errors[cell.number] = f"raised {output['ename']}: {output['evalue']}"
+                words = " ".join(output["evalue"].split())
+                self.errors[cell.number] = printable(f"raised {output['ename']}: {words}")
 
     def _judge(self, asked: Question, kernel: Kernel) -> None:
         """Adds the mark of an answer, unless an earlier one is better."""
@@ -198,6 +230,7 @@ class _Marking:
     def _take(self, step: Step, work: Callable[..., Result], *given: str) -> Result | None:
         """Takes a step, or returns None if it is left out."""
         if step in self.left_out:
+            self.skipped.add(step)
             return None
         self.step = step
         return work(*given)
@@ -212,5 +245,5 @@ class _Marking:
 
 
 def _lost(asked: Question) -> Mark:
-    words = f"not reached: {KERNELS} times something else ended Python, or never ended"
+    words = f"{NOT_REACHED}: {KERNELS} times something else ended Python, or never ended"
     return Mark(asked.name, Verdict.NOT_YET, words, out_of=asked.points)

@@ -1,4 +1,4 @@
-"""Reads a hand-in: its code cells, and to which assignment it belongs."""
+"""Reads a hand-in: its code cells, and to which assignment it belongs; where its page goes."""
 
 import re
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cotlearn.course.assignments import Question
+from cotlearn.files import check_output
 
 MOST_BYTES = 20_000_000  #: of a notebook; figures in the course's take less than 1
 _NAME = re.compile(r"\b(\d\d|hw\d)\.[a-z]")
@@ -75,6 +76,27 @@ def read(path: Path) -> Submission:
         return _taken_apart(path, notebook)
     except (AttributeError, KeyError, TypeError) as error:  # fields that are not what they were
         raise ValueError(f"{path.name} is not a readable notebook: {error}") from None
+
+
+def pages_of(folder: Path, out: Path) -> Path:
+    """Returns the folder of the students' pages, which has the name of the table without ".csv".
+
+    Args:
+        folder: The folder of the hand-ins.
+        out: The table.
+
+    Raises:
+        ValueError: It cannot be written, or the pages would lie among the hand-ins.
+    """
+    if out.is_dir() or not out.suffix:
+        raise ValueError(f"out must be a file such as grades.csv, got {out}")
+    pages = out.with_suffix("")
+    handed_in = folder.resolve()
+    if pages.resolve() in (handed_in, *handed_in.parents):
+        why = f"the pages of the students go to the folder {pages}, where the hand-ins are"
+        raise ValueError(f"out must have another name than the folder {pages}, got {out}: {why}")
+    check_output(pages / "page", "out")
+    return pages
 
 
 def _taken_apart(path: Path, notebook: Any) -> Submission:

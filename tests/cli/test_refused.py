@@ -169,7 +169,13 @@ def test_limits_are_finite(option, tmp_path):
 
 def test_feedback_does_not_go_to_the_hand_ins(tmp_path):
     (folder := tmp_path / "in").mkdir()
-    assert "out must have another name" in refused("grade", folder, "--out", tmp_path / "in.csv")
+    (inner := folder / "hw1").mkdir()
+    for hand_ins in (folder, inner):
+        said = refused("grade", hand_ins, "--out", tmp_path / "in.csv")
+        assert f"out must have another name than the folder {folder}, got {folder}.csv" in said
+        assert (
+            f"the pages of the students go to the folder {folder}, where the hand-ins are" in said
+        )
 
 
 CODE = """
@@ -193,10 +199,12 @@ except SystemExit as ended:
         (["bench", "push-t", "--data", "nope.npz"], "no such file: nope.npz"),
         (["challenge", "nope.py"], "no such file: nope.py"),
         (["grade", "nope"], "folder must be a folder of notebooks, got nope"),
+        (["grade", ".", "--out", "../{here}.csv"], "out must have another name than the folder"),
         (["watch", "push-t", "--policy", "nope.st"], "no such file: nope.st"),
     ],
 )
 def test_a_wrong_name_is_refused_before_torch_loads(words, said, tmp_path):
+    words = [word.format(here=tmp_path.name) for word in words]
     code = [sys.executable, "-c", CODE.format(words=words)]
     done = subprocess.run(code, capture_output=True, text=True, check=True, cwd=tmp_path)
     assert said in done.stderr

@@ -57,6 +57,11 @@ def test_grade(tmp_path):
     (work / "bad.ipynb").write_text("{")
     code, text = run("grade", work, "--out", tmp_path / "grades.csv")
     assert code == 0
+    lines = ["loading the tests ...", f"reading the files in {work} ...", "bad.ipynb: it is not"]
+    assert [
+        line[: len(said)] for line, said in zip(text.splitlines(), lines, strict=False)
+    ] == lines
+    assert "(1 of 1)\n" in text
     assert "1 files: 0 known from before, 1 not gradable" in text
     assert (tmp_path / "grades.csv").exists()
 

@@ -33,6 +33,7 @@ HONEST = HONEST.replace("x = x0", f"display(nfe)\n    x = x0 * {ALL}")
 HONEST = f'get_ipython().run_line_magic("pwd", "")\n{HONEST}\ncheck(1, "hw1.euler")'
 
 LOOP = "while True: pass"
+LEFT_OUT = "cell 2 ran for longer than 4 seconds and was left out"
 MEMORY = f"a = []\nwhile True: a.append(bytearray(10**7))\n{EULER}"
 #: Answers, cells before them, points of 4, and words on the student's page.
 HAND_INS = {
@@ -41,7 +42,12 @@ HAND_INS = {
     "stub": ("def euler(*given):\n    ...", (), 0, "not attempted"),
     "wrong": (EULER.replace("k / nfe", "0"), (), 1, "t moves on"),
     "loop": (f"def euler(*given):\n    {LOOP}", (LOOP,), 0, "is there a loop that never ends?"),
-    "os exit": (EULER.replace("x = x0", "import os; os._exit(0)"), (), 0, "ended Python (os._exit"),
+    "os exit": (
+        EULER.replace("x = x0", "import os; os._exit(0)"),
+        (),
+        0,
+        r"ended Python (os.\_exit",
+    ),
     "memory": (MEMORY, (), 0, "asked for more memory than it may have"),
     "no python": (EULER.replace("nfe):", "nfe)"), (), 0, "your cell (number 2 of the notebook)"),
 }
@@ -84,8 +90,11 @@ def test_a_hand_in_gets_its_points_and_a_page(folder, name):
     assert (row["assignment"], row["points"], row["out_of"]) == ("hw1", f"{points}", "4")
     page = folder.parent / "grades" / "Zoë Müller" / f"{name}.ipynb.md"
     assert words in page.read_text(encoding="utf-8")
-    stopped = "hw1.euler: your answer ran for longer than 4 seconds and was stopped"
-    assert row["note"] == (stopped if name == "loop" else "")
+    notes = {
+        "loop": f"{LEFT_OUT}; hw1.euler: your answer ran for longer than 4 seconds and was stopped",
+        "memory": "cell 2 asked for more memory than it may have and was left out",
+    }
+    assert row["note"] == notes.get(name, "")
 
 
 def test_every_file_has_a_row(folder):
@@ -158,6 +167,65 @@ def test_an_endless_loop_costs_its_time_once(tmp_path, masters, monkeypatch):
     assert "never ends" in found.marks[0].sentence
 
 
+def test_the_time_of_imports_is_not_the_students(tmp_path, masters, monkeypatch):
+    """On a busy machine an import may take longer than a cell may."""
+    (tmp_path / "slowly.py").write_text("import time\ntime.sleep(6)\nSLOW = 1")
+    path = filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")])
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))
+    plain = f"from slowly import SLOW\n{EULER.replace('x = x0', 'x = x0 * SLOW')}"
+    honest = HONEST.replace(ALL, f"{ALL} * SLOW")
+    cells = (*CELLS, "%%capture said\nfrom slowly import SLOW")
+    for name, answer, before in (("plain", plain, ()), ("honest", honest, cells)):
+        hand_in(tmp_path, name, answer, before)
+        found = mark(tmp_path / f"{name}.ipynb", hidden=True, masters=masters, limits=LIMITS)
+        assert (found.points, found.note) == (4, "")
+
+
+LACKS_TORCH = {
+    "late": ("import time\ntime.sleep(60)\n", "ran for longer than 4 seconds and was left out"),
+    "ended": ("import os\nos._exit(0)\n", "ended Python (os._exit, or a crash) and was left out"),
+    "failed": ("import no_such\n", "raised ModuleNotFoundError: No module named 'no_such' ({})"),
+}
+
+
+@pytest.mark.parametrize("name", LACKS_TORCH)
+def test_a_cell_that_others_miss_is_named(tmp_path, masters, name):
+    """Points were taken away for right answers, and nothing said why."""
+    first, words = LACKS_TORCH[name]
+    notebook = handed_in.homework({"euler": EULER})
+    notebook.cells[0].source = f"{first}import torch\nfrom cotlearn.course import check"
+    notebook.cells.insert(1, nbformat.v4.new_code_cell("torch.zeros(3)"))  # fails, and matters not
+    handed_in.write(tmp_path / "in" / "a.ipynb", notebook)
+    grade(tmp_path / "in", masters)
+    note = f"cell 1 {words.format('missing later: torch')}"
+    row = table(tmp_path / "in")["a.ipynb"]
+    assert (row["points"], row["note"]) == ("0", note)
+    page = (tmp_path / "grades" / "a.ipynb.md").read_text(encoding="utf-8")
+    assert f"Note: {grading._plain_markdown(note)}." in page
+    assert "raised NameError: name 'torch' is not defined" in page
+
+
+def test_an_answer_that_no_kernel_came_to_is_noted():
+    lost = marking.Mark("hw1.loss", "not yet", "not reached: 10 times; more", out_of=4)
+    row = grading.Row("a.ipynb", marking.Marked("hw1", "Homework 1", [lost]))
+    assert "hw1.loss: not reached: 10 times" in grading.table([row])
+
+
+def test_a_students_words_are_no_html():
+    words = r"raised E: <b>no</b> & ![x](http://a.b) `c` *d* __e__ \x1b \<i> exact_velocity"
+    shown = (
+        r"raised E: &lt;b&gt;no&lt;/b&gt; &amp; !\[x](http://a.b) \`c\` \*d\* \_\_e\_\_"
+        r" \x1b \\&lt;i&gt; exact_velocity"
+    )
+    wrong = marking.Mark("hw1.euler", "not yet", words, 0, 4, [f"{words}!"])
+    made = grading.page("<b>.ipynb", marking.Marked("hw1", "Homework 1", [wrong], words))
+    assert made.splitlines()[2].startswith("&lt;b&gt;.ipynb: 0 of 4")
+    assert f"Note: {shown}." in made
+    assert f"✗ {shown}\n- {shown}!" in made
+    ungraded = grading.page("<b>.ipynb", marking.Marked(note=words))
+    assert ungraded == f"# &lt;b&gt;.ipynb\n\nThis could not be graded: {shown}.\n"
+
+
 def test_ctrl_c_keeps_what_was_graded(tmp_path, masters):
     folder = tmp_path / "in"
     hand_in(folder, "a", EULER)
@@ -227,6 +295,23 @@ def test_another_version_is_noted_and_a_lesson_has_no_points(tmp_path):
     handed_in.write(tmp_path / "mine.ipynb", notebook)
     with pytest.raises(ValueError, match="there is no assignment 'hw9'; did you mean: hw4"):
         mark(tmp_path / "mine.ipynb")
+
+
+def test_who_waits_is_told(tmp_path, masters, monkeypatch):
+    """The command was silent for minutes while it marked."""
+
+    def slowly(path, **options):
+        time.sleep(0.5)
+        return marking.Marked()
+
+    monkeypatch.setattr(grading, "mark", slowly)
+    monkeypatch.setattr(kernel, "LINE_EVERY", 0.2)
+    hand_in(tmp_path / "in", "a", EULER)
+    (tmp_path / "in" / "b.ipynb").write_text("{")
+    said = []
+    grade(tmp_path / "in", masters, meanwhile=lambda *given: said.append(given))
+    assert 1 <= len(said) <= 2
+    assert said[0] == (["a.ipynb"], 1, 2)
 
 
 def test_what_fails_once_stops_nothing_later():

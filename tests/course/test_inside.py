@@ -1,5 +1,7 @@
 """What happens in the kernel, done here: solutions get all points, and stubs none."""
 
+import sys
+
 import handed_in
 import matplotlib as mpl
 import pytest
@@ -69,6 +71,50 @@ def test_only_the_self_check_is_content(shell):
         inside.test(test.source, test.hint)
     hint = "gradients must reach the network: do not detach the loss"
     assert shell.shown == [["correct", "correct"], [""], [hint]]
+
+
+NOISE = "the noise must not be changed: x = x + ..., not x += ..."
+FIELD = "velocity(torch.zeros(len(x0)), x0)"
+#: Answers, and what the test of the noise says of them.
+COMPLAINTS = {
+    "error": ('raise ValueError("oh")', "your answer raised ValueError: oh"),
+    "assert": ("assert nfe < 0, nfe", "your answer raised AssertionError: 7"),
+    "callback": ("x0 += 1; velocity(1)", "your answer raised TypeError"),
+    "noise": (f"x0 += {FIELD}; return x0", NOISE),
+    "value": (f"return x0 + 2 * {FIELD}", "a constant velocity of 1 must add 1 to the noise"),
+    "kind": (
+        "return 3",
+        "what your answer returned does not fit: the hidden test raised",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", COMPLAINTS)
+def test_a_hint_is_for_its_cause(shell, name):
+    code, words = COMPLAINTS[name]
+    exec(f"import torch\ndef euler(velocity, x0, nfe):\n    {code}", shell.user_ns)
+    test = assignments.find("hw1").questions[1].tests[1]
+    inside.test(test.source, test.hint)
+    [[complaint]] = shell.shown
+    assert complaint.startswith(words)
+    assert (NOISE in complaint) == (name == "noise")
+
+
+IMPORTS = {
+    "plain": "from colorsys import rgb_to_hsv as turned",
+    "time": "%%time\n\nimport colorsys, no_such_module",
+    "inside": "import no_such_module\n!ls\ndef f():\n    import colorsys",
+    "broken": "import colorsys\nthis fails",
+}
+
+
+@pytest.mark.parametrize("name", IMPORTS)
+def test_imports_are_loaded_and_bind_nothing(shell, name, monkeypatch):
+    monkeypatch.delitem(sys.modules, "colorsys", raising=False)
+    before = set(shell.user_ns)
+    inside.load(IMPORTS[name])
+    assert ("colorsys" in sys.modules) == (name != "broken")
+    assert set(shell.user_ns) == before
 
 
 ACCIDENTS = {
