@@ -10,6 +10,24 @@ from .common import Case, Cases, table
 FOLDS = 5
 
 
+@table("14.look_up")
+def look_up(g: torch.Generator) -> Cases:
+    """The chunk of the nearest condition on file."""
+    for m, n, k in ((4, 9, 3), (1, 6, 2)):
+        c, seen = torch.randn(m, k, generator=g), torch.randn(n, k, generator=g)
+        chunks = torch.randn(n, 5, generator=g)
+        far = torch.cdist(c, seen)
+        product = c @ seen.T
+        of_file = far.argmin(dim=0).remainder(m)
+        wrong = {
+            "those are the chunks of the farthest conditions": chunks[far.argmax(dim=1)],
+            "look for the nearest of the conditions on file, for each new one": chunks[of_file][:m],
+            "compare conditions by distance, not by inner products": chunks[product.argmax(1)],
+            "a look-up returns one chunk on file, not the mean of all": chunks.mean(0).expand(m, 5),
+        }
+        yield Case((c, seen, chunks), chunks[far.argmin(dim=1)], wrong, what="the chunks")
+
+
 @table("14.cross_fit")
 def cross_fit(g: torch.Generator) -> Cases:
     """The mean of each window from a fit that never saw its episode, in five folds."""

@@ -49,6 +49,22 @@ MISTAKES = [
 RIGHT = [("13.mean_velocity", mean_velocity), ("13.halves", halves), ("13.reading", reading)]
 
 
+def look_up(c, seen, chunks):
+    return chunks[torch.cdist(c, seen).argmin(dim=1)]
+
+
+def farthest(c, seen, chunks):
+    return chunks[torch.cdist(c, seen).argmax(dim=1)]
+
+
+def of_file(c, seen, chunks):
+    return chunks[torch.cdist(c, seen).argmin(dim=0).remainder(len(c))][: len(c)]
+
+
+def one_by_one(c, seen, chunks):
+    return torch.stack([chunks[(seen - one).square().sum(dim=1).argmin()] for one in c])
+
+
 def cross_fit(episode, fit, *, alone=False):
     found = torch.zeros_like(fit(episode >= 0))
     for fold in range(5):
@@ -72,6 +88,12 @@ def pooled(left):
 
 
 MISTAKES += [
+    ("14.look_up", farthest, "farthest"),
+    ("14.look_up", of_file, "for each new one"),
+    ("14.look_up", lambda c, seen, chunks: chunks[(c @ seen.T).argmax(dim=1)], "inner products"),
+    ("14.look_up", lambda c, seen, chunks: chunks.mean(0).expand(len(c), -1), "not the mean"),
+    ("14.look_up", lambda c, seen, chunks: torch.cdist(c, seen).argmin(dim=1), "shape"),
+    ("14.look_up", 5, "expected a function"),
     ("14.cross_fit", lambda episode, fit: fit(episode >= 0), "saw the window's own episode"),
     ("14.cross_fit", lambda *given: cross_fit(*given, alone=True), "on the fold alone"),
     ("14.cross_fit", lambda e, fit: cross_fit(torch.arange(len(e)), fit), "folds are of windows"),
@@ -87,6 +109,8 @@ MISTAKES += [
 ]
 
 RIGHT += [
+    ("14.look_up", look_up),
+    ("14.look_up", one_by_one),
     ("14.cross_fit", cross_fit),
     ("14.cross_fit", lambda e, fit: torch.stack([fit(e % 5 != k % 5)[i] for i, k in enumerate(e)])),
     ("14.balance", balance),
