@@ -135,8 +135,9 @@ class Findings:
         share = float(free.spread[0] / self.advice.spread.within)  # inf where there is none
         own = (
             f"Independent pairs have an error of {free.at(1):.3g} at one evaluation, where their "
-            f"samples keep at least {100 * share:.0f} % of the variance within a condition "
-            f"(0 %: all are its mean), and an error of {free.at(NFE[-1]):.3g} at {NFE[-1]}. "
+            f"samples have at least {100 * share:.0f} % of the variance within a condition "
+            f"(a perfectly trained network: 0 %), and an error of {free.at(NFE[-1]):.3g} "
+            f"at {NFE[-1]}. "
         )
         if self.chosen is free:
             near = f"{needed} evaluation{'s come' if needed != 1 else ' comes'} within 1 % of that."
