@@ -134,13 +134,14 @@ class Findings:
         needed = self.needed
         share = float(free.spread[0] / self.advice.spread.within)  # inf where there is none
         own = (
-            f"Independent pairs have an error of {free.at(1):.3g} at one evaluation, where their "
-            f"samples have at least {100 * share:.0f} % of the variance within a condition "
-            f"(a perfectly trained network: 0 %), and an error of {free.at(NFE[-1]):.3g} "
-            f"at {NFE[-1]}. "
+            f"Independent pairs have an error of {free.at(1):.3g} at one evaluation and of "
+            f"{free.at(NFE[-1]):.3g} at {NFE[-1]}. In one step their samples keep at least "
+            f"{100 * share:.0f} % of the variance within a condition (a perfectly trained network "
+            "keeps none: one step ends in the mean). "
         )
         if self.chosen is free:
-            near = f"{needed} evaluation{'s come' if needed != 1 else ' comes'} within 1 % of that."
+            come = "s come" if needed != 1 else " comes"
+            near = f"{needed} evaluation{come} within 1 % of {NFE[-1]}."
             own += "Fewer evaluations are worse by over 1 %." if needed == NFE[-1] else near
         if tried is free:
             return own

@@ -47,7 +47,7 @@ def test_the_trials(findings):
     assert error >= 0
     assert "one evaluation" in findings.verdict()
     falling = replace(findings.trials[0], scores=torch.tensor([[4.0, 4], [3, 3], [2, 2], [1, 1]]))
-    assert "within 1 % of that" not in replace(findings, trials=(falling,)).verdict()  # of itself
+    assert "within 1 % of" not in replace(findings, trials=(falling,)).verdict()  # of itself
 
 
 @pytest.mark.parametrize(
