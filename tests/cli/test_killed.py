@@ -26,12 +26,16 @@ pytestmark = [
 
 
 def command(words, folder):
-    """`cotlearn` in a process of its own, with checkpoints, few candidates and few rollouts."""
+    """`cotlearn` in a process of its own, with checkpoints, a small advice and few rollouts."""
     from cotlearn.cli import app
     from cotlearn.diagnostics import recommendation
     from cotlearn.flows import training
     from cotlearn.policies import scores
+    from cotlearn.report import findings
 
+    advice = findings.recommend
+    small = {"rows": 128, "probe_steps": 10}
+    findings.recommend = lambda *given, **options: advice(*given, **options | small)
     candidates = recommendation.candidates
     recommendation.candidates = lambda x1, c: dict(islice(candidates(x1, c).items(), 2))
     training.CHECKPOINT_EVERY = 100
@@ -115,8 +119,8 @@ def test_train(tmp_path, start, number):
 
 def test_report(tmp_path, start, number):
     rng = np.random.default_rng(0)
-    np.savez(tmp_path / "mine.npz", x1=rng.normal(size=(400, 2)), c=rng.normal(size=(400, 1)))
-    words = ["report", "mine.npz", "--steps", 150, "--out", "r.html"]
+    np.savez(tmp_path / "mine.npz", x1=rng.normal(size=(200, 2)), c=rng.normal(size=(200, 1)))
+    words = ["report", "mine.npz", "--steps", 120, "--out", "r.html"]
     checkpoint = tmp_path / ".r.html.independent.training.safetensors"
     end_when_there_is(checkpoint, start(words, tmp_path), number)
     kept = checkpoint.stat()

@@ -17,13 +17,15 @@ OTHER = LinearGaussian(A=np.eye(2) / 5, b=[1.0, 2.0], S=3 * np.eye(2), S_c=[[2.0
 @pytest.mark.parametrize("problem", [LinearGaussian.example(), OTHER])
 def test_linear_gaussian(problem):
     """Var(x1) = S + A S_c A': within and between."""
-    x1, c = problem.sample(4000, np.random.default_rng(0))
+    x1, c = problem.sample(600, np.random.default_rng(0))
     found = between_within(torch.from_numpy(x1), torch.from_numpy(c))
     within = np.trace(problem.S)
     between = np.trace(problem.A @ problem.S_c @ problem.A.T)
-    assert found.total == pytest.approx(within + between, rel=0.06)
-    assert found.within == pytest.approx(within, rel=0.05)
-    assert found.between_share == pytest.approx(between / (within + between), abs=0.03)
+    assert found.total == pytest.approx(within + between, rel=0.15)  # so few rows vary
+    left = np.square(x1 - c @ problem.A.T - problem.b).sum(axis=1).mean()
+    assert left == pytest.approx(within, rel=0.15)
+    assert found.within == pytest.approx(left, rel=0.05)
+    assert found.between_share == pytest.approx(between / (within + between), abs=0.06)
 
 
 @pytest.mark.parametrize(
@@ -38,17 +40,17 @@ def test_linear_gaussian(problem):
     ids=lambda value: getattr(value, "name", None),
 )
 def test_mixtures(data, within, between):
-    found = between_within(*data.sample(4000, generator=seeded()))
-    assert found.within == pytest.approx(within, rel=0.05)
-    assert found.between == pytest.approx(between, rel=0.03, abs=0.05)
+    found = between_within(*data.sample(600, generator=seeded()))
+    assert found.within == pytest.approx(within, rel=0.12)
+    assert found.between_share == pytest.approx(between / (within + between), abs=0.02)
     assert found.within + found.between == pytest.approx(found.total)
 
 
 def test_labels_in_any_order_and_columns_of_any_scale():
-    x1, c = mixtures.petals().sample(2000, generator=seeded())
+    x1, c = mixtures.petals().sample(300, generator=seeded())
     order = c.argmax(dim=1).argsort()
     assert between_within(x1[order], c[order]).within == pytest.approx(1.565, rel=0.1)
-    x1, c = mixtures.rotating_pair().sample(2000, generator=seeded())
+    x1, c = mixtures.rotating_pair().sample(300, generator=seeded())
     plain = between_within(x1, c)
     assert between_within(x1, 1e4 * c + 3).within == pytest.approx(plain.within, rel=1e-6)
 
@@ -62,7 +64,7 @@ def test_one_condition_and_constant_data():
 
 
 def test_integer_conditions():
-    x1, c = mixtures.petals().sample(1000, generator=seeded())
+    x1, c = mixtures.petals().sample(200, generator=seeded())
     assert between_within(x1, c.long()) == between_within(x1, c)
 
 
@@ -82,11 +84,11 @@ def smooth(n, columns, seed, *, share=0.6, waves=0.0):
 # The last two are a plane, where the regression is right at once.
 SIXTY = [
     (4, 200, 6, 1.4, 0.37, 0.41),
-    (4, 1000, 2, 1.4, 0.48, 0.54),
-    (12, 200, 6, 1.4, 0.18, 0.22),
-    (12, 1000, 2, 1.4, 0.24, 0.44),
-    (4, 200, 6, 0.0, 0.46, 0.54),
-    (12, 1000, 2, 0.0, 0.37, 0.56),
+    (4, 1000, 1, 1.4, 0.48, 0.54),
+    (12, 200, 3, 1.4, 0.18, 0.22),
+    (12, 2000, 1, 1.4, 0.28, 0.5),
+    (4, 200, 3, 0.0, 0.46, 0.54),
+    (12, 400, 1, 0.0, 0.34, 0.5),
 ]
 
 
@@ -99,32 +101,25 @@ def test_a_share_of_sixty_percent(columns, rows, seeds, waves, neighbours, bound
     assert np.mean(shares) < 0.6 + 3 * 0.9 / math.sqrt(rows * seeds)  # of 2 (rows * seeds) numbers
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("columns", "bound"), [(4, 0.56), (12, 0.5)])
-def test_a_share_of_sixty_percent_of_many_rows(columns, bound):
-    """Neighbours find .53 and .29."""
-    assert bound < between_within(*smooth(4000, columns, 0, waves=1.4)).between_share < 0.63
-
-
 @pytest.mark.parametrize("columns", [4, 12])
 def test_a_condition_that_says_nothing_explains_nothing(columns):
-    drawn = [smooth(200, columns, seed, share=0.0) for seed in range(6)]
+    drawn = [smooth(200, columns, seed, share=0.0) for seed in range(2)]
     shares = [between_within(x1, c).between_share for x1, c in drawn]
     assert np.mean(shares) < 0.01
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_what_is_learned_of_an_episode_is_not_what_its_condition_tells(seed):
-    """40 episodes of 25 rows: x1 and c wander, each on its own; rows alone would give .9."""
+    """24 episodes of 16 rows: x1 and c wander, each on its own; rows alone would give .9."""
     rng = np.random.default_rng(seed)
-    episode = np.repeat(np.arange(40), 25)
-    place, says = rng.normal(size=(40, 2)), rng.normal(size=(40, 3))
-    x1 = torch.from_numpy(place[episode] + 0.2 * rng.normal(size=(1000, 2)))
-    c = torch.from_numpy(says[episode] + 0.05 * rng.normal(size=(1000, 3)))
+    episode = np.repeat(np.arange(24), 16)
+    place, says = rng.normal(size=(24, 2)), rng.normal(size=(24, 3))
+    x1 = torch.from_numpy(place[episode] + 0.2 * rng.normal(size=(384, 2)))
+    c = torch.from_numpy(says[episode] + 0.05 * rng.normal(size=(384, 3)))
     assert between_within(x1, c).between_share > 0.7
     found = between_within(x1, c, groups=episode)
     assert found.between_share < 0.1
-    assert [rows for rows, _ in found.curve] == [250, 500, 1000]
+    assert [rows for rows, _ in found.curve] == [96, 192, 384]
 
 
 def test_groups_are_checked():
@@ -136,9 +131,9 @@ def test_groups_are_checked():
 
 
 def test_the_curve_shows_that_more_rows_would_help():
-    found = between_within(*smooth(1600, 4, 0, waves=2.0))
+    found = between_within(*smooth(800, 4, 0, waves=2.0))
     rows, shares = zip(*found.curve, strict=True)
-    assert rows == (400, 800, 1600)
+    assert rows == (200, 400, 800)
     assert shares[0] < shares[1] < shares[2] == found.between_share < 0.62
 
 

@@ -169,7 +169,7 @@ def test_intervals_of_one_network_cover_their_method(deviation):
     """Those of its episodes alone cover .96, .93, .76 and .48."""
     counts = [1, 1, 1, 3, 3, 3]
     held = []
-    for seed in range(300):
+    for seed in range(100):
         found = over_networks(networks(deviation, counts, seed=seed))
         some = found[found["networks"] == 1]
         held += ((some["success_low"] < 0.5) & (some["success_high"] > 0.5)).tolist()
