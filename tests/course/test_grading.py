@@ -15,7 +15,7 @@ from cotlearn.course.kernel import Limits
 from cotlearn.course.marking import mark
 
 pytestmark = pytest.mark.slow
-LIMITS = Limits(seconds=2, gigabytes=0.5)
+LIMITS = Limits(seconds=3, gigabytes=0.5)
 
 MATCH = 'match "a":\n    case str(word):\n        TWO = 2\n    case _:\n        TWO = 3'
 #: State over cells, a star, magics, a shell, a cell that fails, one's own check.
@@ -33,7 +33,7 @@ HONEST = HONEST.replace("x = x0", f"display(nfe)\n    x = x0 * {ALL}")
 HONEST = f'get_ipython().run_line_magic("pwd", "")\n{HONEST}\ncheck(1, "hw1.euler")'
 
 LOOP = "while True: pass"
-LEFT_OUT = "cell 2 ran for longer than 2 seconds and was left out"
+LEFT_OUT = "cell 2 ran for longer than 3 seconds and was left out"
 MEMORY = f"a = []\nwhile True: a.append(bytearray(10**7))\n{EULER}"
 #: Answers, cells before them, points of 4, and words on the student's page.
 HAND_INS = {
@@ -91,7 +91,7 @@ def test_a_hand_in_gets_its_points_and_a_page(folder, name):
     page = folder.parent / "grades" / "Zoë Müller" / f"{name}.ipynb.md"
     assert words in page.read_text(encoding="utf-8")
     notes = {
-        "loop": f"{LEFT_OUT}; hw1.euler: your answer ran for longer than 2 seconds and was stopped",
+        "loop": f"{LEFT_OUT}; hw1.euler: your answer ran for longer than 3 seconds and was stopped",
         "memory": "cell 2 asked for more memory than it may have and was left out",
     }
     assert row["note"] == notes.get(name, "")
@@ -169,7 +169,7 @@ def test_an_endless_loop_costs_its_time_once(tmp_path, masters, monkeypatch):
 
 def test_the_time_of_imports_is_not_the_students(tmp_path, masters, monkeypatch):
     """On a busy machine an import may take longer than a cell may."""
-    (tmp_path / "slowly.py").write_text("import time\ntime.sleep(2.5)\nSLOW = 1")
+    (tmp_path / "slowly.py").write_text("import time\ntime.sleep(4)\nSLOW = 1")
     path = filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")])
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))
     plain = f"from slowly import SLOW\n{EULER.replace('x = x0', 'x = x0 * SLOW')}"
@@ -182,7 +182,7 @@ def test_the_time_of_imports_is_not_the_students(tmp_path, masters, monkeypatch)
 
 
 LACKS_TORCH = {
-    "late": ("import time\ntime.sleep(60)\n", "ran for longer than 2 seconds and was left out"),
+    "late": ("import time\ntime.sleep(60)\n", "ran for longer than 3 seconds and was left out"),
     "ended": ("import os\nos._exit(0)\n", "ended Python (os._exit, or a crash) and was left out"),
     "failed": ("import no_such\n", "raised ModuleNotFoundError: No module named 'no_such' ({})"),
 }
