@@ -93,6 +93,7 @@ def lab(
     kernels = [str(Path(sys.prefix) / "share" / "jupyter"), os.environ.get("JUPYTER_PATH", "")]
     quiet = {"OMP_NUM_THREADS": "1", "PYDEVD_DISABLE_FILE_VALIDATION": "1"}
     environment = {**quiet, **os.environ, "JUPYTER_PREFER_ENV_PATH": "1"}
+    environment.setdefault("JUPYTERLAB_WORKSPACES_DIR", str(own / ".jupyterlab"))  # own tabs
     environment["JUPYTER_PATH"] = os.pathsep.join(filter(None, kernels))
     configured = [str(CONFIG), os.environ.get("JUPYTER_CONFIG_PATH", "")]
     environment["JUPYTER_CONFIG_PATH"] = os.pathsep.join(filter(None, configured))

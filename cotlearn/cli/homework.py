@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -42,7 +43,9 @@ def check(
     with reported(RuntimeError):
         paths = [Path(name) if Path(name).exists() else copies.find(name) for name in notebook]
         for path in paths:
-            console.print(f"[bold]{escape(printable(path.name))}[/]: checking ...")
+            near = path.resolve().is_relative_to(Path.cwd())  # which of two copies it is
+            shown = os.path.relpath(path) if near else path.name
+            console.print(f"[bold]{escape(printable(shown))}[/]: checking ...")
             from cotlearn.course.kernel import in_parallel  # takes seconds
             from cotlearn.course.marking import mark
 

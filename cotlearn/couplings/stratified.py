@@ -175,7 +175,8 @@ class StratifiedOT(Coupling):
                 warnings.warn(
                     f"clusters is None, and {int(label.max() + 1)} of {len(c)} conditions differ: "
                     "rows have few candidates, and those without an equal are paired at random; "
-                    "give a number of clusters",
+                    f"give a number of clusters: StratifiedOT({len(c) // 64}) has about 64 rows in "
+                    "each",
                     stacklevel=6,
                 )
         else:

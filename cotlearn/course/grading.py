@@ -211,7 +211,7 @@ def table(rows: Iterable[Row]) -> str:
         marked = row.marked
         earned = {item.question: f"{item.points:g}" for item in marked.marks}
         out_of = f"{marked.out_of:g}" if marked.marks else ""
-        percent = f"{100 * marked.points / marked.out_of:.0f}" if marked.out_of else ""
+        percent = f"{100 * marked.points / marked.out_of:.0f}" if marked.out_of else "0"
         found = [_plain(row.file), marked.assignment, f"{marked.points:g}", out_of, percent]
         each = (earned.get(name, "") for name in questions)
         writer.writerow([*found, _plain(_remarks(marked)), *each])

@@ -95,6 +95,9 @@ def pages_of(folder: Path, out: Path) -> Path:
     if pages.resolve() in (handed_in, *handed_in.parents):
         why = f"the pages of the students go to the folder {pages}, where the hand-ins are"
         raise ValueError(f"out must have another name than the folder {pages}, got {out}: {why}")
+    if handed_in in pages.resolve().parents:
+        other = handed_in.parent / out.name
+        raise ValueError(f"out must lie outside the folder of the hand-ins, as {other}, got {out}")
     check_output(pages / "page", "out")
     return pages
 

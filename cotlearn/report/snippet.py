@@ -23,6 +23,7 @@ data = Dataset(Standardiser.fit(x1)(x1), TamedStandardiser.fit(c)(c))
 network = VelocityMLP({dim}, {condition_dim})  # or your own
 optimizer = torch.optim.Adam(network.parameters(), lr=1e-3)
 
+torch.set_num_threads(1)  # for small networks: more threads wait for one another
 coupling = {coupling}{called}
 batches = coupling.stream(data, batch_size={batch})
 for _ in range({steps}):
@@ -36,7 +37,8 @@ for _ in range({steps}):
 
 some = data.c[:10]
 noise = torch.randn(len(some), {dim})
-samples = noise + network(torch.zeros(len(some)), noise, some)  # in one step, standardised
+with torch.no_grad():
+    samples = noise + network(torch.zeros(len(some)), noise, some)  # one step, standardised
 print(Standardiser.fit(x1).inverse(samples))
 """
 

@@ -110,12 +110,16 @@ def from_arrays(
         condition = np.eye(len(found))[index]
     data = Dataset(_numbers(x1, "x1"), _numbers(condition, "c"), name)
     k = data.condition_dim
-    words = f"{k} labels" if labels else f"conditions of {k} numbers{_maybe_labels(data.c)}"
+    words = f"{k} labels" if labels else f"conditions of {_numbers_of(k)}{_maybe_labels(data.c)}"
     together = np.arange(len(data)) if group is None else _numbers_or_strings(group, "group")
     if together.shape != (len(data),):
         raise ValueError(f"group must have shape ({len(data)},), got {together.shape}")
     _, together = np.unique(together, return_inverse=True)
-    return Rows(data, together, f"{len(data)} rows of {data.dim} numbers, {words}")
+    return Rows(data, together, f"{len(data)} rows of {_numbers_of(data.dim)}, {words}")
+
+
+def _numbers_of(count: int) -> str:
+    return f"{count} number{'s' * (count != 1)}"
 
 
 def from_episodes(

@@ -90,6 +90,8 @@ def test_lab_in_a_checkout_opens_copies_beside_the_notebooks(launched, monkeypat
     assert command[-2:] == ["--port", "9999"]
     assert environment["JUPYTER_PATH"].startswith(sys.prefix)
     assert environment["OMP_NUM_THREADS"]
+    tabs = assets.checkout() / "my-course" / ".jupyterlab"
+    assert environment["JUPYTERLAB_WORKSPACES_DIR"] == str(tabs)
 
 
 def test_lab_starts_a_notebook_over_and_opens_it(launched, tmp_path, monkeypatch):

@@ -1,5 +1,7 @@
 """`cotlearn check`, `progress`, `grade` and `homework`."""
 
+from pathlib import Path
+
 import handed_in
 import pytest
 from handed_in import EULER
@@ -39,6 +41,14 @@ def test_check_and_progress(tmp_path):
     assert "Homework 1 · Flow matching from scratch" in text
     assert "2 of 4  ✓ ✗ · ✓" in text
     assert "next: 00.self_test in 00_start_here.ipynb" in text
+
+
+def test_it_is_said_which_of_two_copies_is_checked(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = Path("mine") / "hw1.ipynb"
+    path.parent.mkdir()
+    handed_in.write(path, handed_in.homework({}))
+    assert run("check", path)[1].startswith(f"{path}: checking")
 
 
 def test_what_cannot_be_checked(tmp_path):

@@ -276,6 +276,8 @@ def test_what_cannot_be_graded(tmp_path, masters):
         grade(tmp_path / "nowhere", masters)
     with pytest.raises(ValueError, match=r"out must be a file such as grades\.csv"):
         grading.grade(tmp_path, tmp_path, limits=LIMITS)
+    with pytest.raises(ValueError, match="out must lie outside the folder of the hand-ins"):
+        grading.grade(tmp_path, tmp_path / "new" / "grades.csv", limits=LIMITS)
     hand_in(tmp_path / "in", "hw1", EULER)
     with pytest.raises(ValueError, match="there is no master notebook"):
         grade(tmp_path / "in", tmp_path)

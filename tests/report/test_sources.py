@@ -36,6 +36,8 @@ def test_arrays_come_back():
     np.testing.assert_allclose(rows.data.c, c, rtol=1e-6)
     assert (rows.group == np.arange(30)).all()
     assert rows.about == "30 rows of 3 numbers, conditions of 2 numbers"
+    one = from_arrays(x1[:, :1], c[:, :1])
+    assert one.about == "30 rows of 1 number, conditions of 1 number"
 
 
 @pytest.mark.parametrize("labels", [["a", "b", "a"], [7, 9, 7], [True, False, True]])
