@@ -135,9 +135,8 @@ class Findings:
         share = float(free.spread[0] / self.advice.spread.within)  # inf where there is none
         own = (
             f"Independent pairs have an error of {free.at(1):.3g} at one evaluation and of "
-            f"{free.at(NFE[-1]):.3g} at {NFE[-1]}. In one step their samples keep at least "
-            f"{100 * share:.0f} % of the variance within a condition (a perfectly trained network "
-            "keeps none: one step ends in the mean). "
+            f"{free.at(NFE[-1]):.3g} at {NFE[-1]}. In one step their samples have at least "
+            f"{100 * share:.0f} % of the variance within a condition that the data have. "
         )
         if self.chosen is free:
             come = "s come" if needed != 1 else " comes"
