@@ -33,7 +33,7 @@ def report(
         check_separate(data=data, out=out, model=model)
         check_input(data, "data")
         about = f"tests and two trainings of {steps} steps: about {1 + steps // 2000} min"
-        console.print(f"reading {escape(str(data))}; then {about}")
+        console.print(f"reading {escape(str(data))}")
         with loading():
             import torch
 
@@ -43,7 +43,7 @@ def report(
         torch.set_num_threads(1)
         checkpoints = out.with_name(f".{out.name}")
         rows = read_data(data, observe=observe, predict=predict)
-        console.print(f"{escape(rows.data.name)}: {escape(rows.about)}")
+        console.print(f"{escape(rows.data.name)}: {escape(rows.about)}; then {about}")
         say = functools.partial(console.print, markup=False)
         found = examine(rows, steps=steps, seed=seed, checkpoints=checkpoints, say=say)
         found.model.save(model)

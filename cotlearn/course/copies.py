@@ -97,10 +97,15 @@ def find(name: str) -> Path:
     Raises:
         ValueError: If there is no such notebook.
     """
-    found = _named(name, originals())
+    known = originals()
+    found = _named(name, known)
     if found is not None and not Path(name).is_file() and (folder() / found).is_file():
         return folder() / found
-    return assets.find_notebook(name)
+    try:
+        return assets.find_notebook(name)
+    except ValueError:
+        names = [copy.removesuffix(".ipynb") for copy in known]
+        raise ValueError(assets.not_found("notebook", name, names)) from None
 
 
 def _named(name: str, known: dict[str, Path]) -> str | None:

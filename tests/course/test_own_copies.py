@@ -97,7 +97,7 @@ def test_what_is_no_notebook_starts_nothing_over(course):
 
 def test_without_a_copy_the_courses_notebook_is_found(course):
     assert copies.find("01") == course / "notebooks" / "01_first.ipynb"
-    with pytest.raises(ValueError, match="there is no notebook"):
+    with pytest.raises(ValueError, match="there is no notebook 'hw7'; did you mean: hw1"):
         copies.find("hw7")
 
 
