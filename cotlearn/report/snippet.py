@@ -23,7 +23,7 @@ data = Dataset(Standardiser.fit(x1)(x1), TamedStandardiser.fit(c)(c))
 network = VelocityMLP({dim}, {condition_dim})  # or your own
 optimizer = torch.optim.Adam(network.parameters(), lr=1e-3)
 
-torch.set_num_threads(1)  # for small networks: more threads wait for one another
+torch.set_num_threads(1)  # for small networks, more gain nothing
 coupling = {coupling}{called}
 batches = coupling.stream(data, batch_size={batch})
 for _ in range({steps}):
