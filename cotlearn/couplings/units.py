@@ -18,6 +18,9 @@ from torch import Tensor
 from cotlearn.datasets import Rows, Standardiser
 from cotlearn.validation import check_condition
 
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
 FAR = 16.0  #: spreads from the median beyond which distances grow like logarithms
 SEVERAL = 6.0  #: spreads of the typical difference above which a column has several scales
 KNOTS = 4096  #: most values of a column whose ranks are kept
@@ -55,27 +58,35 @@ class OwnUnits:
     def fit(cls, c: Tensor) -> OwnUnits:
         """Measure the columns of c (n, k) on 1,024 pairs of rows, the same for equal n."""
         c = check_condition(c)
-        values = c.detach().to("cpu", torch.float64)
-        first, second = _pairs(len(c))
-        rounding = ROUNDING * torch.finfo(c.dtype).eps
-        some, others = values[first], values[second]
-        unequal, size = (some - others).abs(), torch.maximum(some.abs(), others.abs())
-        usual = torch.where(size > 0, size, torch.nan).nanmedian(dim=0).values.nan_to_num(0.0)
-        differ = unequal > rounding * torch.maximum(size, usual)
-        spread = _geometric_mean(unequal, differ)
-        reach = values.amax(dim=0) - values.amin(dim=0)  # if no pair met the few unequal rows
-        reach = torch.where(reach > rounding * values.abs().amax(dim=0), reach, 0.0)
-        spread = torch.where(differ.any(dim=0), spread, reach)
-        centre, none = some.median(dim=0).values, torch.zeros(0)
-        units = cls(centre, spread, none.long(), none)
-        typical = _mean((units(some) - units(others)).square(), differ).sqrt()
-        ranked = (typical > SEVERAL).nonzero()[:, 0]
-        return cls(centre, spread, ranked, _knots(values[:, ranked]))
+        with np.errstate(over="ignore", invalid="ignore"):  # of numbers that no rule can pair by
+            return cls._measured(c.detach().to("cpu", torch.float64).numpy(), c.dtype)
+
+    @classmethod
+    def _measured(cls, values: Array, dtype: torch.dtype) -> OwnUnits:
+        """In NumPy: a batch is small, and each call of torch takes longer than its work."""
+        some = values[_pairs(len(values))]  # (2, pairs, k)
+        first, second = some
+        rounding = ROUNDING * torch.finfo(dtype).eps
+        unequal, size = np.abs(first - second), np.maximum(np.abs(first), np.abs(second))
+        differ = unequal > rounding * np.maximum(size, _median(size, size > 0))
+        usual = np.exp(_mean(np.log(np.where(differ, unequal, 1.0)), differ))
+        reach = np.ptp(values, axis=0)  # if no pair met the few unequal rows
+        reach = np.where(reach > rounding * np.abs(values).max(axis=0), reach, 0.0)
+        spread = torch.from_numpy(np.where(differ.any(axis=0), usual, reach))
+        centre = torch.from_numpy(_median(first, np.isfinite(first)))
+        units = cls(centre, spread, torch.zeros(0, dtype=torch.long), torch.zeros(0, 0))
+        apart = np.diff(units(torch.from_numpy(some)).numpy(), axis=0)[0]
+        typical = np.sqrt(_mean(np.square(apart), differ))
+        if not (typical > SEVERAL).any():
+            return units
+        ranked = torch.from_numpy(np.flatnonzero(typical > SEVERAL))
+        return cls(centre, spread, ranked, _knots(torch.from_numpy(values)[:, ranked]))
 
     def __call__(self, c: Tensor) -> Tensor:
         """The columns in units of their own, (n, k), float64; constant columns become 0."""
         z = self._far_from_centre(c)
-        return self._with_ranks(c, torch.where(z.abs() > FAR, _drawn(z), z))
+        far = z.abs() > FAR
+        return self._with_ranks(c, torch.where(far, _drawn(z), z) if far.any() else z)
 
     def tamed(self, c: Tensor) -> Tensor:
         """C (n, k) with far values drawn near, and ranks for columns of several scales.
@@ -93,7 +104,7 @@ class OwnUnits:
 
     def _far_from_centre(self, c: Tensor) -> Tensor:
         centre, spread = self.centre.to(c.device), self.spread.to(c.device)
-        return (c.detach().double() - centre) * (spread > 0) / (spread + (spread == 0))
+        return (c.detach().double() - centre) / torch.where(spread > 0, spread, torch.inf)
 
     def _with_ranks(self, c: Tensor, near: Tensor) -> Tensor:
         """`near` with twice the mid-ranks of c in the columns of several scales."""
@@ -139,13 +150,17 @@ def tamed(c: Tensor) -> Tensor:
     return OwnUnits.fit(c).tamed(c)
 
 
-def _geometric_mean(values: Tensor, counted: Tensor) -> Tensor:
-    return _mean(torch.where(counted, values, 1.0).log(), counted).exp()
-
-
-def _mean(values: Tensor, counted: Tensor) -> Tensor:
+def _mean(values: Array, counted: Mask) -> Array:
     """The mean of the counted values (n, k) of each column, (k,); 0 if none is counted."""
-    return torch.where(counted, values, 0.0).sum(dim=0) / counted.sum(dim=0).clamp(min=1)
+    return np.where(counted, values, 0.0).sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
+
+
+def _median(values: Array, counted: Mask) -> Array:
+    """The lower median of the counted values (n, k) of each column, (k,); 0 if none is counted."""
+    count = counted.sum(axis=0)
+    in_order = np.sort(np.where(counted, values, np.inf), axis=0)
+    middle = in_order[np.maximum(count - 1, 0) // 2, np.arange(len(count))]
+    return np.where(count > 0, middle, 0.0)
 
 
 def _knots(values: Tensor) -> Tensor:
@@ -159,8 +174,8 @@ def _drawn(z: Tensor) -> Tensor:
 
 
 @functools.lru_cache(maxsize=16)
-def _pairs(rows: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Random pairs of different rows."""
+def _pairs(rows: int) -> NDArray[np.int64]:
+    """Random pairs of different rows, (2, 1024)."""
     rng = np.random.default_rng(0)
     first = rng.integers(rows, size=PAIRS)
-    return first, (first + rng.integers(1, max(2, rows), size=PAIRS)) % rows
+    return np.stack([first, (first + rng.integers(1, max(2, rows), size=PAIRS)) % rows])
