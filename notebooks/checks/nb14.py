@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -57,6 +58,32 @@ def _folded(fit: Callable[[Tensor], Tensor], fold: Tensor) -> Tensor:
     """For each row the prediction of the fit without its fold."""
     found = [fit(fold != k) for k in range(FOLDS)]
     return torch.stack(found)[fold, torch.arange(len(fold))]
+
+
+@table("14.paired_error")
+def paired_error(g: torch.Generator) -> Cases:
+    """The standard error over episodes of a mean difference, averaged over networks first."""
+    for networks, n in ((3, 40), (2, 25)):
+        easy = torch.rand(n, generator=g)
+        ours, theirs = (
+            (torch.rand(networks, n, generator=g) < easy).double().numpy() for _ in range(2)
+        )
+        apart = ours - theirs
+        one = apart.mean(axis=0)
+        right = one.std(ddof=1) / n**0.5
+        alone = np.hypot(*(x.mean(axis=0).std(ddof=1) / n**0.5 for x in (ours, theirs)))
+        wrong = {
+            "take the difference in each episode first: some are hard for both methods": alone,
+            "networks share their episodes: take the mean over networks first": apart.std(ddof=1)
+            / apart.size**0.5,
+            "that is the spread of one episode; the mean of n has a smaller error": one.std(ddof=1),
+            "divide by the root of the number of episodes": one.std(ddof=1) / n,
+            "that is the error over networks, not over episodes": apart.mean(axis=1).std(ddof=1)
+            / networks**0.5,
+            "the deviation of a sample divides by n - 1": one.std() / n**0.5,
+            "that is the mean difference, not its error": one.mean(),
+        }
+        yield Case((ours, theirs), right, wrong)
 
 
 @table("14.balance")

@@ -1,6 +1,7 @@
 """Wrong answers to the exercises of notebooks 13 and 14, words of their hints, right ones."""
 
 import torch
+from scipy.stats import sem
 
 
 def end(x, t, r, a):
@@ -73,6 +74,19 @@ def cross_fit(episode, fit, *, alone=False):
     return found
 
 
+def paired_error(ours, theirs, *, axis=0, ddof=1):
+    one = (ours - theirs).mean(axis=axis)
+    return one.std(ddof=ddof) / len(one) ** 0.5
+
+
+def unpaired(ours, theirs):
+    return sum(x.mean(axis=0).var(ddof=1) / x.shape[1] for x in (ours, theirs)) ** 0.5
+
+
+def with_scipy(ours, theirs):
+    return sem(ours.mean(axis=0) - theirs.mean(axis=0))
+
+
 def smaller(left):
     share = left.double().mean(dim=1)
     return torch.minimum(share, 1 - share)
@@ -100,6 +114,15 @@ MISTAKES += [
     ("14.cross_fit", lambda e, f: sum(f(e % 5 != k) for k in range(5)) / 5, "not the mean of five"),
     ("14.cross_fit", lambda episode, fit: episode, "shape"),
     ("14.cross_fit", 5, "expected a function"),
+    ("14.paired_error", unpaired, "some are hard for both"),
+    ("14.paired_error", lambda a, b: sem((a - b).ravel()), "over networks first"),
+    ("14.paired_error", lambda a, b: (a - b).mean(axis=0).std(ddof=1), "a smaller error"),
+    ("14.paired_error", lambda a, b: paired_error(a, b) / a.shape[1] ** 0.5, "divide by the root"),
+    ("14.paired_error", lambda a, b: paired_error(a, b, axis=1), "over networks, not"),
+    ("14.paired_error", lambda a, b: paired_error(a, b, ddof=0), "n - 1"),
+    ("14.paired_error", lambda a, b: (a - b).mean(), "not its error"),
+    ("14.paired_error", lambda a, b: paired_error(a, b) * 2, "expected"),
+    ("14.paired_error", 5, "expected a function"),
     ("14.balance", pooled, "would look balanced"),
     ("14.balance", lambda left: 1 - balance(left), "the more frequent way"),
     ("14.balance", lambda left: float(left.double().mean()), "that goes left"),
@@ -113,6 +136,8 @@ RIGHT += [
     ("14.look_up", one_by_one),
     ("14.cross_fit", cross_fit),
     ("14.cross_fit", lambda e, fit: torch.stack([fit(e % 5 != k % 5)[i] for i, k in enumerate(e)])),
+    ("14.paired_error", paired_error),
+    ("14.paired_error", with_scipy),
     ("14.balance", balance),
     ("14.balance", lambda left: sum(min(r.sum(), (~r).sum()) / len(r) for r in left) / len(left)),
 ]
