@@ -116,15 +116,15 @@ class Findings:
         interval = f"(95 % interval {gain - 2 * error:.1f} to {gain + 2 * error:.1f})"
         if self.chosen is tried:
             steps = IN_WORDS.get(self.needed or 0)
-            like = f"as good as {steps} of independent pairs, and " if steps else ""
+            like = f"as good as {steps} with independent pairs, and " if steps else ""
             if not self.needed:
-                like = f"better than {IN_WORDS[NFE[-1]]} of independent pairs, and "
-            other = "one of theirs" if like else "with independent pairs"
+                like = f"better than {IN_WORDS[NFE[-1]]} with independent pairs, and "
+            other = "one with them" if like else "with independent pairs"
             return (
                 f"One step becomes {like}{gain:.1f} % better than {other} {interval}: "
                 f"use {tried.name}."
             )
-        found = f"{gain:+.1f} % {interval}"
+        found = f"{_signed(gain)} {interval}"
         word = "A loss" if gain < -2 * error else "No gain shown"
         return f"{word}, {found}, at one evaluation with {tried.name}: use independent pairs."
 
@@ -147,7 +147,7 @@ class Findings:
         probes = self.advice.frontier[tried.name], self.advice.frontier["independent"]
         foreseen = 100 - 100 * probes[0].one_step_score / probes[1].one_step_score
         gain, error = self.gain(1)
-        first = f"Before the training a small test network foresaw {foreseen:+.1f} % for "
+        first = f"Before the training a small test network foresaw {_signed(foreseen)} for "
         first += f"{tried.name}; the training "
         if abs(gain) > 2 * error:
             first += f"shows a {'gain, too' if gain > 0 else 'loss'}"
@@ -164,6 +164,11 @@ class Findings:
         better = f"{ahead} is better by {abs(late):.2g}"
         cost = better if abs(late) > 2 * late_error else "no difference shown"
         return f"{first}. {own} At {NFE[-1]} evaluations: {cost}."
+
+
+def _signed(percent: float) -> str:
+    """A gain in percent with its sign, never -0.0."""
+    return f"{round(percent, 1) + 0:+.1f} %"
 
 
 def split(rows: Rows, *, seed: int = 0) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -23,11 +23,16 @@ def self_test(answer: Any) -> None:
     """Five short answers in a dict; an answer that is still `...` is not attempted."""
     if not isinstance(answer, dict) or answer.keys() != _SELF_TEST.keys():
         raise NotYet(f"self_test must stay a dict with these keys: {', '.join(_SELF_TEST)}")
-    if all(answer.get(name) in (None, ...) for name in _SELF_TEST):
+    left = [name for name in _SELF_TEST if answer[name] in (None, ...)]
+    if len(left) == len(_SELF_TEST):
         raise NotImplementedError
-    wrong = [f"{k} ({h})" for k, (x, h) in _SELF_TEST.items() if not same(answer[k], x, 1e-6)]
-    if wrong:
-        raise NotYet(f"{5 - len(wrong)} of 5 right; look again at {'; '.join(wrong)}")
+    given = {k: known for k, known in _SELF_TEST.items() if k not in left}
+    wrong = [f"{k} ({hint})" for k, (x, hint) in given.items() if not same(answer[k], x, 1e-6)]
+    said = [f"{len(given) - len(wrong)} of 5 right"]
+    said += [f"look again at {'; '.join(wrong)}"] * bool(wrong)
+    said += [f"still open: {', '.join(left)}"] * bool(left)
+    if wrong or left:
+        raise NotYet("; ".join(said))
 
 
 @table("00.perfect_one_step")

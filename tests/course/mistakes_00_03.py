@@ -52,7 +52,7 @@ def energy(x, y, own=1):
 MISTAKES = [
     ("00.self_test", {**ALL_RIGHT, "mean": 4}, "mean"),
     ("00.self_test", {**ALL_RIGHT, "shape": (512, 4)}, "shape"),
-    ("00.self_test", {**ALL_RIGHT, "euler": ...}, "4 of 5"),
+    ("00.self_test", {**ALL_RIGHT, "euler": ...}, "4 of 5 right; still open: euler"),
     ("00.self_test", {**ALL_RIGHT, "gradient": "twelve"}, "gradient"),
     ("00.self_test", [1, 2], "dict"),
     ("00.self_test", {**ALL_RIGHT, "grad": 12}, "these keys: shape, gradient"),

@@ -56,8 +56,8 @@ def test_the_trials(findings):
         (
             0.2,
             0.1,
-            r"One step becomes better than sixteen of independent pairs, and 20.0 % better than "
-            r"one of theirs \(95 % interval 18.2 to 21.8\): use COT",
+            r"One step becomes better than sixteen with independent pairs, and 20.0 % better than "
+            r"one with them \(95 % interval 18.2 to 21.8\): use COT",
         ),
         (0.01, 0.1, r"No gain shown, \+1.0 % .* use independent pairs"),
         (-0.05, 0.1, r"A loss, -5.0 % .* use independent pairs"),
@@ -231,7 +231,7 @@ def test_the_first_sentence_says_how_many_steps_one_step_replaces(findings, need
     found = replace(findings, trials=(free, tried))
     words = {2: "as good as two", 4: "as good as four", None: "better than sixteen"}[needed]
     assert found.headline().startswith(
-        f"One step becomes {words} of independent pairs, and 66.7 % better"
+        f"One step becomes {words} with independent pairs, and 66.7 % better"
     )
 
 
