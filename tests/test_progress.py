@@ -90,3 +90,14 @@ def test_on_in_a_notebook_but_not_because_a_kernel_is_merely_installed(monkeypat
 def test_a_bar_goes_on_where_it_was():
     with progress_bar(total=10, initial=4, show=False) as bar:
         assert (bar.n, bar.total) == (4, 10)
+
+
+def test_in_a_notebook_it_is_text_beside_what_is_printed(monkeypatch, capsys):
+    """A widget's place said "model not found" when the file was opened again; stderr is red."""
+    watching(monkeypatch, False)
+    shell = SimpleNamespace(kernel=object())
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    assert shown()
+    said = capsys.readouterr()
+    assert "work:" in said.out
+    assert said.err == ""

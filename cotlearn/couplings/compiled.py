@@ -1,7 +1,6 @@
 """Compiled loops, kept on disk where that is possible."""
 
 import contextlib
-import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 from numba import njit
 from numba.core import caching
 
-from cotlearn.progress import watched
+from cotlearn.progress import said_on, watched
 
 INSTALLED = "site-packages" in Path(__file__).parts
 
@@ -74,7 +73,7 @@ def _announce() -> None:
     """Say once in a process why the first pairs take longer, if somebody looks."""
     global _announced
     if not _announced and watched():
-        print("compiling the pairing loops, once on this machine: some 4 s", file=sys.stderr)
+        print("compiling the pairing loops, once on this machine: some 4 s", file=said_on())
     _announced = True
 
 
