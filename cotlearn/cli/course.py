@@ -151,6 +151,10 @@ def run(
             from cotlearn.course import execution, pages
         runs = []
         for path in paths:
+            if html is not None and not inplace and (done := pages.kept(path, html)):
+                console.print(f"{escape(path.stem)} was executed before the stop")
+                runs.append(done)
+                continue
             if not watched():  # else there is a bar
                 console.print(f"executing {escape(path.stem)} ...")
             done = execution.execute(path, timeout=timeout)
@@ -160,7 +164,12 @@ def run(
                 execution.store(done)
             if html is not None:
                 pages.to_html(done, html)
-        index = pages.write_index(runs, html) if html is not None else None
+                if not done.error:
+                    pages.keep(done, html)
+        index = None
+        if html is not None:
+            index = pages.write_index(runs, html)
+            pages.forget(html)
     failed = sum(bool(item.error) for item in runs)
     if len(runs) > 1:
         seconds, claims = sum(item.seconds for item in runs), sum(item.claims for item in runs)

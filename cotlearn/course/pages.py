@@ -45,6 +45,8 @@ FOLDED = """
 {% endblock %}
 """
 
+KEPT = ".unfinished"  #: the folder, in that of the pages, of notebooks that were executed so far
+
 #: What the index says first.
 ABOUT = "The notebooks as they ran, with their results, to be read in a browser. "
 ABOUT += "To run and change them yourself: `make lab`.\n"
@@ -66,6 +68,34 @@ def to_html(run: Run, folder: Path) -> Path:
     body = re.sub(r'href="(?:[\w.-]+/)?([\w.-]+)\.ipynb', r'href="\1.html', body)
     write_text(page, body)
     return page
+
+
+def keep(run: Run, folder: Path) -> None:
+    """Keeps an executed notebook, so that a command that is stopped goes on behind it."""
+    found = run.notebook.copy()
+    found.metadata = {
+        **run.notebook.metadata,
+        "run": {"seconds": run.seconds, "claims": run.claims},
+    }
+    write_text(_kept(run.path, folder), nbformat.writes(found))
+
+
+def kept(path: Path, folder: Path) -> Run | None:
+    """What was kept of a notebook; None if nothing was, or the notebook has changed since."""
+    file = _kept(path, folder)
+    if not file.exists() or file.stat().st_mtime < path.stat().st_mtime:
+        return None
+    notebook = nbformat.read(file, as_version=4)
+    return Run(path, notebook, **notebook.metadata.pop("run"))
+
+
+def forget(folder: Path) -> None:
+    """Removes what was kept, once all pages are written."""
+    shutil.rmtree(folder / KEPT, ignore_errors=True)
+
+
+def _kept(path: Path, folder: Path) -> Path:
+    return folder / KEPT / path.name
 
 
 def write_index(runs: list[Run], folder: Path) -> Path:

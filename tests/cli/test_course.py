@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from cotlearn import cli
 from cotlearn.cli import course
-from cotlearn.course import assets, doctor, record
+from cotlearn.course import assets, doctor, execution, record
 
 
 def invoke(*arguments):
@@ -37,6 +37,36 @@ def test_run_stores_outputs_and_pages(notebook, tmp_path):
     assert nbformat.read(path, as_version=4).cells[1].outputs[0].data["text/plain"] == "42"
     pages = {page.name for page in (tmp_path / "pages").glob("*.html")}
     assert pages == {"a notebook.html", "index.html"}
+
+
+def test_a_run_of_pages_that_is_stopped_goes_on(notebook, tmp_path, monkeypatch):
+    """It said so, and began again with the first notebook."""
+    first = notebook("print('✓ claim: it is so')")
+    second = first.rename(tmp_path / "b.ipynb")
+    first = notebook("print('✓ claim: it is so')")
+    pages, execute = tmp_path / "pages", execution.execute
+    words = ("run", str(first), str(second), "--html", str(pages))
+
+    def stopped(path, **options):
+        if path == second:
+            raise KeyboardInterrupt
+        return execute(path, **options)
+
+    monkeypatch.setattr(execution, "execute", stopped)
+    result = invoke(*words)
+    assert result.exit_code == 130
+    assert "again to go on" in result.output
+
+    monkeypatch.setattr(execution, "execute", execute)
+    result = invoke(*words)
+    assert result.exit_code == 0, result.output
+    assert result.output.startswith("a notebook was executed before the stop\nexecuting b ...")
+    assert "2 notebooks" in result.output
+    assert "2 claims passed" in result.output
+    assert not list(pages.glob(".*"))  # nothing is kept any more
+
+    result = invoke(*words)
+    assert result.output.startswith("executing a notebook ...")
 
 
 def test_run_shows_the_failing_cell(notebook):
