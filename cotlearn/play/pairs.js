@@ -239,7 +239,7 @@ export function mount(parent, { style, mixtures, link, sample = null }) {
       const [x, y] = mixture().labelled
         ? [0, 1].map((k) => modes.reduce((sum, mode) => sum + mode[k], 0) / modes.length)
         : modes[modes.length - 1].map((place) => Math.min(1.22 * place, 0.87 * limitOf(mixture())));
-      const words = mixture().labelled ? `c = ${value + 1}` : `c = ${value}`.replace("-", "−");
+      const words = `c = ${value}`.replace("-", "−");
       plane.text(words, x, y, { color: plane.theme.ink, bold: true });
     }
   }

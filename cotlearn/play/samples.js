@@ -165,7 +165,7 @@ export function mount(parent, { style, mixtures, networks, link }) {
 
   function nameAt(at) {
     const value = shownConditions(mixture())[at];
-    return mixture().labelled ? `c = ${value + 1}` : `c = ${value.toFixed(1)}`.replace("-", "−");
+    return `c = ${mixture().labelled ? value : value.toFixed(1)}`.replace("-", "−");
   }
 
   function change(choices) {
