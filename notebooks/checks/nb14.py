@@ -1,14 +1,9 @@
 """The checks of notebook 14."""
 
-from collections.abc import Callable
-
 import numpy as np
 import torch
-from torch import Tensor
 
 from .common import Case, Cases, table
-
-FOLDS = 5
 
 
 @table("14.look_up")
@@ -27,37 +22,6 @@ def look_up(g: torch.Generator) -> Cases:
             "a look-up returns one chunk on file, not the mean of all": chunks.mean(0).expand(m, 5),
         }
         yield Case((c, seen, chunks), chunks[far.argmin(dim=1)], wrong, what="the chunks")
-
-
-@table("14.cross_fit")
-def cross_fit(g: torch.Generator) -> Cases:
-    """The mean of each window from a fit that never saw its episode, in five folds."""
-    for lengths in ((3, 1, 4, 2, 5, 3, 2), (2, 2, 6, 1, 3, 4, 1, 2, 3, 5, 2)):
-        episode = torch.repeat_interleave(torch.tensor(lengths))
-        x1 = torch.randn(len(episode), 3, generator=g)
-        weights = torch.rand(len(episode), len(episode), generator=g)
-
-        def fit(rows: Tensor, x1: Tensor = x1, weights: Tensor = weights) -> Tensor:
-            near = weights * rows
-            return near @ x1 / near.sum(dim=1, keepdim=True)
-
-        everywhere = fit(torch.ones_like(episode, dtype=torch.bool))
-        alone = _folded(lambda rows: fit(~rows), episode % FOLDS)
-        folds = torch.stack([fit(episode % FOLDS != k) for k in range(FOLDS)])
-        by_window = _folded(fit, torch.arange(len(episode)) % FOLDS)
-        wrong = {
-            "those fits saw the window's own episode: leave its fold out": everywhere,
-            "that fits on the fold alone: fit on all rows but those of the fold": alone,
-            "those folds are of windows, so a fit saw others of the same episode": by_window,
-            "take the one fit that left the window's fold out, not the mean of five": folds.mean(0),
-        }
-        yield Case((episode, fit), _folded(fit, episode % FOLDS), wrong)
-
-
-def _folded(fit: Callable[[Tensor], Tensor], fold: Tensor) -> Tensor:
-    """For each row the prediction of the fit without its fold."""
-    found = [fit(fold != k) for k in range(FOLDS)]
-    return torch.stack(found)[fold, torch.arange(len(fold))]
 
 
 @table("14.paired_error")

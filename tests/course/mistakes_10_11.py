@@ -38,7 +38,21 @@ def pareto(policies, strictly=False):
     return found
 
 
+def cross_fit(episode, fit, *, alone=False):
+    found = torch.zeros_like(fit(episode >= 0))
+    for fold in range(5):
+        left = episode % 5 == fold
+        found[left] = fit(left if alone else ~left)[left]
+    return found
+
+
 MISTAKES = [
+    ("10.cross_fit", lambda episode, fit: fit(episode >= 0), "saw the window's own episode"),
+    ("10.cross_fit", lambda *given: cross_fit(*given, alone=True), "on the fold alone"),
+    ("10.cross_fit", lambda e, fit: cross_fit(torch.arange(len(e)), fit), "folds are of windows"),
+    ("10.cross_fit", lambda e, f: sum(f(e % 5 != k) for k in range(5)) / 5, "not the mean of five"),
+    ("10.cross_fit", lambda episode, fit: episode, "shape"),
+    ("10.cross_fit", 5, "expected a function"),
     ("10.ways_entropy", lambda m: -mode_entropy(m), "minus sign"),
     ("10.ways_entropy", lambda m: mode_entropy(m) / np.log(2), "np.log2"),
     ("10.ways_entropy", lambda m: np.exp(mode_entropy(m)), "perplexity"),
@@ -77,6 +91,8 @@ MISTAKES = [
 ]
 
 RIGHT = [
+    ("10.cross_fit", cross_fit),
+    ("10.cross_fit", lambda e, fit: torch.stack([fit(e % 5 != k % 5)[i] for i, k in enumerate(e)])),
     ("10.ways_entropy", mode_entropy),
     ("10.gap", gap),
     ("10.gap", lambda *given: float(gap(*given))),

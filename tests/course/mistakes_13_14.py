@@ -66,14 +66,6 @@ def one_by_one(c, seen, chunks):
     return torch.stack([chunks[(seen - one).square().sum(dim=1).argmin()] for one in c])
 
 
-def cross_fit(episode, fit, *, alone=False):
-    found = torch.zeros_like(fit(episode >= 0))
-    for fold in range(5):
-        left = episode % 5 == fold
-        found[left] = fit(left if alone else ~left)[left]
-    return found
-
-
 def paired_error(ours, theirs, *, axis=0, ddof=1):
     one = (ours - theirs).mean(axis=axis)
     return one.std(ddof=ddof) / len(one) ** 0.5
@@ -108,12 +100,6 @@ MISTAKES += [
     ("14.look_up", lambda c, seen, chunks: chunks.mean(0).expand(len(c), -1), "not the mean"),
     ("14.look_up", lambda c, seen, chunks: torch.cdist(c, seen).argmin(dim=1), "shape"),
     ("14.look_up", 5, "expected a function"),
-    ("14.cross_fit", lambda episode, fit: fit(episode >= 0), "saw the window's own episode"),
-    ("14.cross_fit", lambda *given: cross_fit(*given, alone=True), "on the fold alone"),
-    ("14.cross_fit", lambda e, fit: cross_fit(torch.arange(len(e)), fit), "folds are of windows"),
-    ("14.cross_fit", lambda e, f: sum(f(e % 5 != k) for k in range(5)) / 5, "not the mean of five"),
-    ("14.cross_fit", lambda episode, fit: episode, "shape"),
-    ("14.cross_fit", 5, "expected a function"),
     ("14.paired_error", unpaired, "some are hard for both"),
     ("14.paired_error", lambda a, b: sem((a - b).ravel()), "over networks first"),
     ("14.paired_error", lambda a, b: (a - b).mean(axis=0).std(ddof=1), "a smaller error"),
@@ -134,8 +120,6 @@ MISTAKES += [
 RIGHT += [
     ("14.look_up", look_up),
     ("14.look_up", one_by_one),
-    ("14.cross_fit", cross_fit),
-    ("14.cross_fit", lambda e, fit: torch.stack([fit(e % 5 != k % 5)[i] for i, k in enumerate(e)])),
     ("14.paired_error", paired_error),
     ("14.paired_error", with_scipy),
     ("14.balance", balance),
