@@ -42,7 +42,7 @@ LOOKS = {
     "adaptive_weights_residual": Look("adaptive, residual pairs", "#882222", "x", (0, (7, 2))),
     "mean_flow": Look("MeanFlow", "#44AA99", ">", (0, (4, 1))),
     "mean_flow_residual": Look("MeanFlow, residual pairs", "#999933", "1", (0, (8, 2))),
-    "mean_flow_data": Look("MeanFlow, chunk", "#44BB66", "|", (0, (4, 1, 2, 1))),
+    "mean_flow_data": Look("MeanFlow, chunk", "#44BB66", "$\\oplus$", (0, (4, 1, 2, 1))),
     "mean_flow_data_residual": Look("MeanFlow, chunk, residual pairs", "#225533", "_", (0, (2, 3))),
     "shortcut": Look("shortcut model", "#6699CC", "2", (0, (4, 1, 1, 1))),
     "shortcut_residual": Look("shortcut model, residual pairs", "#225588", "4", (0, (1, 3))),
