@@ -17,13 +17,18 @@ def challenge(
         "leaderboard.csv"
     ),
     name: Annotated[str, typer.Option(help="Of your row; default: the file's.")] = "",
-    seed: Annotated[int, typer.Option(**SEED, envvar="SECRET_SEED", help="Of the data.")] = 0,
-    steps: Annotated[int, typer.Option(min=1, help="Fewer only to try; 1500 count.")] = 1500,
+    seed: Annotated[
+        int | None, typer.Option(**SEED, envvar="SECRET_SEED", help="Of the data; default: 0.")
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Fewer only to try; default: 1500, which count.")
+    ] = None,
 ) -> None:
     """Trains a coupling on four tasks at a fixed budget and adds it to a leaderboard.
 
-    The course's couplings are the first rows of a new leaderboard. One leaderboard holds one seed.
-    The file is run as it is: of strangers' files, only in a container.
+    Those of the course's couplings that the leaderboard lacks come first, also without a file. One
+    leaderboard holds one seed and one number of steps, which both are in it. The file is run as it
+    is: of strangers' files, only in a container.
     """
     with reported(TypeError, RuntimeError):
         check_output(out, "out")
@@ -36,18 +41,25 @@ def challenge(
             from cotlearn.course import challenge as rules
 
         torch.set_num_threads(1)
-        entries = {}
+        # without a file the leaderboard goes on as it began
+        begun = rules.setting(rules.leaderboard(out)) if file is None else None
+        usual_seed, usual_steps = begun or (0, rules.STEPS)
+        chosen = usual_seed if seed is None else seed
+        budget = usual_steps if steps is None else steps
+        table = rules.board(out, chosen, budget)
+        there = {*table["coupling"]}
+        entries = {row: make for row, make in rules.COURSE.items() if row not in there}
         if file is not None:
-            rules.load(file)  # what is wrong with it is said before the course's are trained
-            entries[name or file.stem] = lambda: rules.load(file)
-        if not out.exists():
-            entries = {**rules.COURSE, **entries}
+            own = name or file.stem
+            if own in rules.COURSE:
+                raise ValueError(f"name must be none of {', '.join(rules.COURSE)}, got {own}")
+            rules.attempt(file, chosen)  # what is wrong with it is said before any training
+            entries[own] = lambda: rules.load(file)
         for row, make in entries.items():
-            entry = rules.compete(row, make, seed, steps=steps)
+            entry = rules.compete(row, make, chosen, steps=budget)
             table = rules.add(entry, out)
             console.print(f"{escape(row)}: {entry.score:.3f} in {entry.seconds:.0f} s")
-        if entries:
-            console.print(escape(table[["coupling", "score"]].to_string()))
-            console.print(
-                f"table: {escape(str(out))}; page: {escape(str(out.with_suffix('.html')))}"
-            )
+        page = rules.write_page(table, out)
+        console.print(f"seed {chosen}, {budget} steps")
+        console.print(escape(table[["coupling", "score"]].to_string()))
+        console.print(f"table: {escape(str(out))}; page: {escape(str(page))}")
