@@ -26,9 +26,9 @@ def challenge(
 ) -> None:
     """Trains a coupling on four tasks at a fixed budget and adds it to a leaderboard.
 
-    Those of the course's couplings that the leaderboard lacks come first, also without a file. One
-    leaderboard holds one seed and one number of steps, which both are in it. The file is run as it
-    is: of strangers' files, only in a container.
+    Those of the course's couplings that it lacks come first; without a file it is only completed
+    and shown. One leaderboard holds one seed and one number of steps, and says both. The file is
+    run as it is: of strangers' files, only in a container.
     """
     with reported(TypeError, RuntimeError):
         check_output(out, "out")
