@@ -115,6 +115,9 @@ def _taken_apart(path: Path, notebook: Any) -> Submission:
     ]
     stamp = notebook.metadata.get("cotlearn") or {}
     assignment = stamp.get("assignment") or _assignment(path, cells)
+    if assignment is None and any("import challenge" in cell.source for cell in cells):
+        remedy = "cotlearn challenge FILE scores the Python file that defines your coupling"
+        raise ValueError(f"{path.name} has no exercises to check; {remedy}")
     if assignment is None:
         why = "no cell calls check(...), and its name says nothing like hw1; take a fresh copy"
         raise ValueError(f"{path.name} belongs to no assignment: {why}")
