@@ -13,7 +13,7 @@ from cotlearn.interrupt import loading
 
 def challenge(
     file: Annotated[Path | None, typer.Argument(help="Defines `coupling`; default: none.")] = None,
-    out: Annotated[Path, typer.Option(help="The table; the page lies beside it.")] = Path(
+    out: Annotated[Path, typer.Option(help="The table (.csv); the page lies beside it.")] = Path(
         "leaderboard.csv"
     ),
     name: Annotated[str, typer.Option(help="Of your row; default: the file's.")] = "",
@@ -26,13 +26,15 @@ def challenge(
 ) -> None:
     """Trains a coupling on four tasks at a fixed budget and adds it to a leaderboard.
 
-    Those of the course's couplings that it lacks come first; without a file it is only completed
-    and shown. One leaderboard holds one seed and one number of steps, and says both. The file is
-    run as it is: of strangers' files, only in a container.
+    Those of the course's couplings that it lacks come first; without a file it is only completed,
+    with its own seed and steps, and shown. One leaderboard holds one seed and one number of steps,
+    and says both. The file is run as it is: of strangers' files, only in a container.
     """
     with reported(TypeError, RuntimeError):
         check_output(out, "out")
         check_separate(file=file, out=out, page=out.with_suffix(".html"))
+        if out.suffix.lower() != ".csv":
+            raise ValueError(f"out must be a file such as leaderboard.csv, got {out}")
         if file is not None:
             check_input(file, "file")
         with loading():

@@ -86,10 +86,11 @@ def pages_of(folder: Path, out: Path) -> Path:
         out: The table.
 
     Raises:
-        ValueError: It cannot be written, or the pages would lie among the hand-ins.
+        ValueError: Its name does not end in ".csv", it cannot be written, or the pages would lie
+            among the hand-ins.
     """
-    if out.is_dir() or not out.suffix:
-        raise ValueError(f"out must be a file such as grades.csv, got {out}")
+    if out.is_dir() or out.suffix.lower() != ".csv":
+        raise ValueError(f"out must be a file such as grades.csv, a table in CSV, got {out}")
     pages = out.with_suffix("")
     handed_in = folder.resolve()
     if pages.resolve() in (handed_in, *handed_in.parents):
