@@ -241,11 +241,11 @@ def add(entry: Entry, out: Path) -> pd.DataFrame:
     row = dict(zip(KEYS, (entry.name, entry.score, entry.seed, entry.steps), strict=True))
     row |= {f"{task}, {nfe}": value for (task, nfe), value in entry.scores.items()}
     row["seconds"] = entry.seconds
-    new = pd.DataFrame([row])
+    new = pd.DataFrame([row]).round(4)  # as those that are stored, so that equals are equal
     others = rows[rows["coupling"] != entry.name]
     rows = pd.concat([others, new]) if len(others) else new
-    rows = rows.sort_values("score", ignore_index=True)
-    write_text(out, rows.round(4).to_csv(index=False))
+    rows = rows.sort_values("score", ignore_index=True, kind="stable")
+    write_text(out, rows.to_csv(index=False))
     write_page(rows, out)
     return rows
 

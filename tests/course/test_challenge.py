@@ -213,6 +213,16 @@ def test_an_entry_takes_no_name_of_the_courses(quick, tmp_path):
     assert "name must be none of independent, conditional_ot, got independent" in said
 
 
+def test_equal_scores_are_shown_as_equal_the_first_one_first(tmp_path):
+    """Stored scores had four digits, and a new one all: it came before its equals."""
+    table = tmp_path / "board.csv"
+    for name in "cab":
+        rows = add(Entry(name, {("petals", 1): 1.23456789}, 1.0, seed=0, steps=2), table)
+    assert rows["coupling"].tolist() == ["c", "a", "b"]
+    assert rows["score"].tolist() == [1.2346] * 3
+    assert challenge.leaderboard(table).equals(rows)
+
+
 def test_a_name_may_look_like_a_number(tmp_path):
     """The name 007 became 7, and its second try another row; NA became no name."""
     table = tmp_path / "board.csv"
