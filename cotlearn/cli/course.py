@@ -132,14 +132,16 @@ def _has_display() -> bool:
 
 @app.command()
 def run(
-    notebook: Annotated[list[str] | None, typer.Argument(help="Numbers or paths; or all.")] = None,
+    notebook: Annotated[
+        list[str] | None, typer.Argument(help="Numbers, paths, homework (hw1: your copy); or all.")
+    ] = None,
     inplace: Annotated[bool, typer.Option("--inplace", help="Store the outputs.")] = False,
     html: Annotated[Path | None, typer.Option(help="Folder of HTML pages to write.")] = None,
     timeout: Annotated[int, typer.Option(min=1, help="Time limit per cell, in seconds.")] = 300,
 ) -> None:
     """Executes notebooks without a browser and reports how long each took."""
     with reported():
-        paths = [assets.find_notebook(name) for name in notebook or []]
+        paths = [copies.course_or_homework(name) for name in notebook or []]
         paths = paths or assets.all_notebooks()
         if not paths:
             raise ValueError(f"no notebooks in {assets.course_folder()}; get the course again")

@@ -80,7 +80,7 @@ def show_progress() -> None:
 @app.command()
 def grade(
     folder: Annotated[Path, typer.Argument(help="The folder of the notebooks to grade.")],
-    out: Annotated[Path, typer.Option(help="The table to write.")] = Path("grades.csv"),
+    out: Annotated[Path, typer.Option(help="The table to write (.csv).")] = Path("grades.csv"),
     masters: _Masters = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Default: one per core.")] = None,
     seconds: _Seconds = 60,

@@ -14,8 +14,8 @@ from cotlearn.interrupt import raise_again
 LARGEST_SEED = 2**63 - 1  #: that torch takes; too long for the help
 
 
-def _seed(value: int) -> int:
-    if value > LARGEST_SEED:
+def _seed(value: int | None) -> int | None:
+    if value is not None and value > LARGEST_SEED:
         raise typer.BadParameter(f"{value} is above {LARGEST_SEED}.")
     return value
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import runpy
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -25,7 +26,7 @@ from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT, Stratifi
 from cotlearn.couplings.base import Coupling
 from cotlearn.course.assets import find_data
 from cotlearn.datasets import Dataset
-from cotlearn.files import write_text
+from cotlearn.files import reading, write_text
 from cotlearn.flows import fit, integrate
 from cotlearn.flows.networks import ResidualMLP
 from cotlearn.metrics import energy_score
@@ -43,6 +44,7 @@ FLAT: dict[str, Callable[[], ConditionalGaussianMixture]] = {
     "rotating_pair": rotating_pair,
 }
 ROBOT = "arm-ring"
+KEYS = ["coupling", "score", "seed", "steps"]  #: the first columns of a leaderboard
 COURSE: dict[str, Callable[[], Coupling]] = {
     "independent": Independent,
     "minibatch_ot": MinibatchOT,
@@ -70,6 +72,8 @@ class Entry:
     name: str
     scores: dict[tuple[str, int], float]
     seconds: float
+    seed: int
+    steps: int
 
     @property
     def score(self) -> float:
@@ -90,6 +94,27 @@ def load(path: str | Path) -> Coupling:
     if not isinstance(found := names.get("coupling"), Coupling):
         raise TypeError(f"{path} must define `coupling`, a Coupling; got {found!r}")
     return found
+
+
+def attempt(path: str | Path, seed: int) -> None:
+    """Train the coupling of a file for one step on each task, to find what is wrong in seconds.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        TypeError: it defines no coupling.
+        ValueError: a step fails, with whatever error.
+    """
+    flat = {name: _flat(name, seed).data for name in FLAT}
+    for task, data in {**flat, ROBOT: _paths(seed)[0]}.items():
+        coupling = load(path)
+        try:
+            trained(data, coupling, 1)
+        except Exception as error:  # whatever a stranger's code raises
+            frames = traceback.extract_tb(error.__traceback__)
+            lines = [frame.lineno for frame in frames if frame.filename == str(path)]
+            where = f"line {lines[-1]} of {path}" if lines else str(path)
+            why = f"{type(error).__name__}: {error}"
+            raise ValueError(f"{where} fails on the first batch of {task}: {why}") from error
 
 
 @cache
@@ -113,7 +138,7 @@ def compete(name: str, make: Callable[[], Coupling], seed: int, *, steps: int = 
         network = trained(task.data, make(), steps)
         for nfe in NFE:
             scores[task.name, nfe] = scored(network, task.c, task.truth, nfe) / task.floor
-    return Entry(name, scores, time.perf_counter() - began)
+    return Entry(name, scores, time.perf_counter() - began, seed, steps)
 
 
 def trained(data: Dataset, coupling: Coupling, steps: int) -> Any:
@@ -139,8 +164,8 @@ def _flat(name: str, seed: int) -> Task:
     return Task(name, Dataset(x1 @ turn, c, name=name), held, truth @ turn, floor)
 
 
-def _robot(seed: int, steps: int) -> Task:
-    """Paths of the arm's demonstrations; which of them are held out is drawn."""
+def _paths(seed: int) -> tuple[Dataset, Dataset]:
+    """Paths of the arm's demonstrations, to train on and held out; which these are is drawn."""
     episodes = read(find_data("arm_ring_demos.npz"))
     order = torch.randperm(len(episodes), generator=generator_for(seed, 9, _HIDDEN)).tolist()
     held, kept = (
@@ -149,31 +174,98 @@ def _robot(seed: int, steps: int) -> Task:
     )
     shape: dict[str, Any] = {"observe": 1, "predict": 40, "knots": 10, "open_loop": True}
     windows = Windows.fit(kept, frame="goal", **shape)
-    data, test = windows.dataset(kept), windows.dataset(held)
+    return windows.dataset(kept), windows.dataset(held)
+
+
+def _robot(seed: int, steps: int) -> Task:
+    data, test = _paths(seed)
     assert test.c is not None
     network = trained(data, Independent(), steps)
     floor = scored(network, test.c, test.x1, PRECISE)
     return Task(ROBOT, data, test.c, test.x1, floor)
 
 
-def add(entry: Entry, table: Path) -> pd.DataFrame:
-    """Put an entry into a leaderboard, in the place of one of its name; the best comes first."""
-    rows = pd.read_csv(table) if table.exists() else pd.DataFrame()
-    row = {"coupling": entry.name, "score": entry.score}
+def setting(rows: pd.DataFrame) -> tuple[int, int] | None:
+    """The seed and the number of steps of a leaderboard; None if it has no rows yet."""
+    return (int(rows["seed"][0]), int(rows["steps"][0])) if len(rows) else None
+
+
+def leaderboard(out: Path) -> pd.DataFrame:
+    """The rows of a leaderboard; none if there is no file.
+
+    Raises:
+        ValueError: it is no leaderboard, or holds rows of several seeds or numbers of steps.
+    """
+    if not out.exists():
+        return pd.DataFrame(columns=KEYS)
+    kinds: Any = dict(zip(KEYS, (str, float, int, int), strict=True))
+    with reading(out, "no leaderboard"):  # "007" and "NA" are names
+        rows = pd.read_csv(out, dtype=kinds, keep_default_na=False, na_values=[""])
+    if list(rows.columns[: len(KEYS)]) != KEYS:
+        found = ", ".join(map(str, rows.columns))
+        wanted = f"whose first columns are {', '.join(KEYS)}"
+        raise ValueError(f"out must be a new file or a leaderboard, {wanted}; {out} has {found}")
+    for key in ("seed", "steps"):
+        if len(values := sorted(set(rows[key]))) > 1:
+            raise ValueError(f"out must be of one {key}, but {out} holds rows of {values}")
+    return rows
+
+
+def board(out: Path, seed: int, steps: int) -> pd.DataFrame:
+    """The rows of a leaderboard that may get rows of this seed and this number of steps.
+
+    Raises:
+        ValueError: it holds another seed or another number of steps; and see `leaderboard`.
+    """
+    rows = leaderboard(out)
+    there = setting(rows)
+    if there is not None and there != (seed, steps):
+        raise ValueError(
+            f"out must be a new file or a leaderboard of seed {seed} and {steps} steps; "
+            f"{out} is of seed {there[0]} and {there[1]} steps"
+        )
+    return rows
+
+
+def add(entry: Entry, out: Path) -> pd.DataFrame:
+    """Put an entry into a leaderboard, in the place of one of its name; the best comes first.
+
+    Args:
+        entry: a row.
+        out: the table, a CSV file; the page of the same name lies beside it.
+
+    Raises:
+        ValueError: see `board`.
+    """
+    rows = board(out, entry.seed, entry.steps)
+    row = dict(zip(KEYS, (entry.name, entry.score, entry.seed, entry.steps), strict=True))
     row |= {f"{task}, {nfe}": value for (task, nfe), value in entry.scores.items()}
     row["seconds"] = entry.seconds
-    if len(rows):
-        rows = rows[rows["coupling"] != entry.name]
-    rows = pd.concat([rows, pd.DataFrame([row])]).sort_values("score", ignore_index=True)
-    write_text(table, rows.round(4).to_csv(index=False))
-    write_text(table.with_suffix(".html"), page(rows))
+    new = pd.DataFrame([row]).round(4)  # as those that are stored, so that equals are equal
+    others = rows[rows["coupling"] != entry.name]
+    rows = pd.concat([others, new]) if len(others) else new
+    rows = rows.sort_values("score", ignore_index=True, kind="stable")
+    write_text(out, rows.to_csv(index=False))
+    write_page(rows, out)
     return rows
+
+
+def write_page(rows: pd.DataFrame, out: Path) -> Path:
+    """Write the page of a leaderboard beside its table, and return its path."""
+    path = out.with_suffix(".html")
+    write_text(path, page(rows))
+    return path
 
 
 def page(rows: pd.DataFrame) -> str:
     """The leaderboard as a page of its own; names are text, whatever they hold."""
+    shown = rows.drop(columns=["seed", "steps"])
     return jinja2.Template(_PAGE, autoescape=True).render(
-        columns=list(rows.columns), rows=rows.values.tolist(), nfe=", ".join(map(str, NFE))
+        seed=rows["seed"][0],
+        steps=rows["steps"][0],
+        columns=list(shown.columns),
+        rows=shown.values.tolist(),
+        nfe=", ".join(map(str, NFE)),
     )
 
 
@@ -185,7 +277,7 @@ table { border-collapse: collapse; }
 th, td { padding: .3rem .7rem; text-align: right; border-bottom: 1px solid #ccc; }
 th:first-child, td:first-child { text-align: left; }
 </style>
-<h1>Challenge: your own coupling</h1>
+<h1>Challenge: your own coupling (seed {{ seed }}, {{ steps }} steps)</h1>
 <p>Energy score divided by its floor, at {{ nfe }} evaluations: 1 is the floor, less is better.</p>
 <div style="overflow-x: auto"><table>
 <tr>{% for name in columns %}<th>{{ name }}</th>{% endfor %}</tr>

@@ -99,13 +99,29 @@ def find(name: str) -> Path:
     """
     known = originals()
     found = _named(name, known)
-    if found is not None and not Path(name).is_file() and (folder() / found).is_file():
-        return folder() / found
+    if found is not None and not Path(name).is_file():
+        own = folder() / found
+        return own if own.is_file() else known[found]
     try:
         return assets.find_notebook(name)
     except ValueError:
         names = [copy.removesuffix(".ipynb") for copy in known]
         raise ValueError(assets.not_found("notebook", name, names)) from None
+
+
+def course_or_homework(name: str) -> Path:
+    """Returns the course's notebook of this name, or homework as `find` does.
+
+    Args:
+        name: As for `find`.
+
+    Raises:
+        ValueError: If there is no such notebook.
+    """
+    try:
+        return assets.find_notebook(name)
+    except ValueError:
+        return find(name)
 
 
 def _named(name: str, known: dict[str, Path]) -> str | None:

@@ -3,6 +3,7 @@
 import os
 import re
 import time
+import uuid
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -125,9 +126,10 @@ def read(path: Path) -> nbformat.NotebookNode:
         ValueError: If the file is missing or damaged.
     """
     try:
-        notebook = nbformat.read(path, as_version=4)
+        text = path.read_text(encoding="utf-8")  # nbformat.read would print what is not by the book
+        notebook = nbformat.convert(nbformat.reader.reads(text), 4)
         if isinstance(notebook.get("cells"), list):
-            return notebook
+            return _with_ids(notebook)
         problem = "it has no cells"
     except FileNotFoundError:
         raise ValueError(f"there is no notebook at {path}") from None
@@ -136,6 +138,16 @@ def read(path: Path) -> nbformat.NotebookNode:
     except Exception:  # nbformat raises many kinds of errors for other files
         problem = "it is empty or damaged, or another kind of file"
     raise ValueError(f"{path.name} is not a readable notebook: {problem}")
+
+
+def _with_ids(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
+    """Gives each cell an id of its own, as the format demands since 4.5."""
+    seen: set[str] = set()
+    for cell in notebook.cells if notebook.get("nbformat_minor", 0) >= 5 else []:
+        if "id" not in cell or cell["id"] in seen:
+            cell["id"] = uuid.uuid4().hex[:8]
+        seen.add(cell["id"])
+    return notebook
 
 
 def store(run: Run) -> None:

@@ -68,8 +68,9 @@ def grade(
         The rows, sorted by file name.
 
     Raises:
-        ValueError: The folder is missing or holds no file, `out` cannot be written or its pages
-            would lie among the hand-ins, or there are no masters with hidden tests.
+        ValueError: The folder is missing or holds no file, `out` does not end in ".csv" or cannot
+            be written, its pages would lie among the hand-ins, or there are no masters with hidden
+            tests.
         KeyboardInterrupt: Ctrl-C was pressed; finished results are kept.
     """
     if not folder.is_dir():

@@ -86,10 +86,11 @@ def pages_of(folder: Path, out: Path) -> Path:
         out: The table.
 
     Raises:
-        ValueError: It cannot be written, or the pages would lie among the hand-ins.
+        ValueError: Its name does not end in ".csv", it cannot be written, or the pages would lie
+            among the hand-ins.
     """
-    if out.is_dir() or not out.suffix:
-        raise ValueError(f"out must be a file such as grades.csv, got {out}")
+    if out.is_dir() or out.suffix.lower() != ".csv":
+        raise ValueError(f"out must be a file such as grades.csv, a table in CSV, got {out}")
     pages = out.with_suffix("")
     handed_in = folder.resolve()
     if pages.resolve() in (handed_in, *handed_in.parents):
@@ -115,6 +116,9 @@ def _taken_apart(path: Path, notebook: Any) -> Submission:
     ]
     stamp = notebook.metadata.get("cotlearn") or {}
     assignment = stamp.get("assignment") or _assignment(path, cells)
+    if assignment is None and any("import challenge" in cell.source for cell in cells):
+        remedy = "cotlearn challenge FILE scores the Python file that defines your coupling"
+        raise ValueError(f"{path.name} has no exercises to check; {remedy}")
     if assignment is None:
         why = "no cell calls check(...), and its name says nothing like hw1; take a fresh copy"
         raise ValueError(f"{path.name} belongs to no assignment: {why}")

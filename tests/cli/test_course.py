@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from cotlearn import cli
 from cotlearn.cli import course
-from cotlearn.course import assets, doctor, execution, record
+from cotlearn.course import assets, copies, doctor, execution, record
 
 
 def invoke(*arguments):
@@ -81,10 +81,22 @@ def test_run_shows_the_failing_cell(notebook):
 
 
 def test_run_knows_near_names(monkeypatch):
-    monkeypatch.setattr(assets, "notebooks", lambda room: [Path("00_start_here.ipynb")])
+    found = {"": [Path("00_start_here.ipynb")]}
+    monkeypatch.setattr(assets, "notebooks", lambda room="": found.get(room, []))
     result = invoke("run", "00_start_her")
     assert result.exit_code == 2
     assert "there is no notebook '00_start_her'; did you mean: 00_start_here?" in result.output
+
+
+@pytest.mark.parametrize("name", ["hw1", "challenge"])
+def test_run_finds_homework_by_its_name(name, monkeypatch, tmp_path):
+    """It said that there is no such notebook."""
+    monkeypatch.setattr(copies, "folder", lambda: tmp_path)
+    code = [new_code_cell(f"print('✓ claim: {name} ran')")]
+    nbformat.write(new_notebook(cells=code), tmp_path / f"{name}.ipynb")
+    result = invoke("run", name)
+    assert (result.exit_code, f"executing {name} ..." in result.output) == (0, True)
+    assert "1 claim passed" in result.output
 
 
 def test_run_refuses_a_damaged_notebook(tmp_path):

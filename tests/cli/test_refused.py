@@ -167,6 +167,16 @@ def test_limits_are_finite(option, tmp_path):
     assert f"{option[2:]} must be at least" in refused("grade", tmp_path, option, "inf")
 
 
+@pytest.mark.parametrize("name", ["g.txt", "g.xlsx", "g"])
+def test_grades_and_leaderboards_are_tables_in_csv(name, tmp_path):
+    """The command wrote CSV into a file that was called otherwise."""
+    (tmp_path / "in").mkdir()
+    said = refused("grade", tmp_path / "in", "--out", tmp_path / name)
+    assert f"out must be a file such as grades.csv, a table in CSV, got {tmp_path / name}" in said
+    said = refused("challenge", "--out", tmp_path / name)
+    assert f"out must be a file such as leaderboard.csv, got {tmp_path / name}" in said
+
+
 def test_feedback_does_not_go_to_the_hand_ins(tmp_path):
     (folder := tmp_path / "in").mkdir()
     (inner := folder / "hw1").mkdir()

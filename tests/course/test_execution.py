@@ -1,3 +1,5 @@
+import json
+
 import nbformat
 import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
@@ -84,6 +86,24 @@ def test_a_notebook_without_code(write):
     run = execution.execute(write())
     assert not run.error
     assert execution.title(run.notebook) == "00 · An example"
+
+
+def test_cells_without_an_id_of_their_own_get_one_without_a_word(write, caplog, recwarn):
+    """Jupyter's package printed a warning with a path inside Python among the lines of a class."""
+    path = write("1", "2", "3")
+    stored = json.loads(path.read_text())
+    stored["cells"][1].pop("id")
+    stored["cells"][3]["id"] = stored["cells"][2]["id"]
+    stored["cells"][2]["more"] = "than the format knows"
+    path.write_text(json.dumps(stored))
+    cells = execution.read(path).cells
+    assert [cell.source for cell in cells[1:]] == ["1", "2", "3"]
+    assert len({cell.id for cell in cells}) == 4
+    assert cells[0].id == stored["cells"][0]["id"]
+    stored["nbformat_minor"] = 4
+    path.write_text(json.dumps(stored))
+    assert "id" not in execution.read(path).cells[1]
+    assert not [*recwarn, *caplog.records]
 
 
 def test_damaged_and_missing_files(tmp_path):

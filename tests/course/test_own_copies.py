@@ -101,6 +101,20 @@ def test_without_a_copy_the_courses_notebook_is_found(course):
         copies.find("hw7")
 
 
+@pytest.mark.parametrize(("name", "file"), [("hw1", "student/hw1"), ("challenge", "challenge")])
+def test_homework_is_found_by_its_name_by_all_commands(course, name, file):
+    """`cotlearn run hw1` said that there is none, and so did `check hw1` without a copy."""
+    original = course / "notebooks" / "homework" / f"{file}.ipynb"
+    assert copies.find(name) == copies.course_or_homework(f"{name}.ipynb") == original
+    copies.make(copies.folder())
+    own = copies.folder() / f"{name}.ipynb"
+    assert copies.find(name) == copies.course_or_homework(name) == own
+    numbered = course / "notebooks" / "01_first.ipynb"
+    assert copies.course_or_homework("01") == numbered  # of these it is the course's
+    with pytest.raises(ValueError, match="there is no notebook 'hw7'; did you mean: hw1"):
+        copies.course_or_homework("hw7")
+
+
 def test_links_lead_from_the_copies_to_the_same_places():
     root = assets.checkout()
     there = {root / copies.FOLDER / name for name in copies.originals()}

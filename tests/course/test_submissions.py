@@ -6,7 +6,7 @@ import handed_in
 import nbformat
 import pytest
 
-from cotlearn.course import submissions
+from cotlearn.course import assets, submissions
 
 
 def read(tmp_path, *sources, name="hw1.ipynb", **metadata):
@@ -79,3 +79,10 @@ def test_the_assignment(tmp_path):
     assert read(tmp_path, 'check(f, "hw2.pair")', cotlearn=stamp).assignment == "hw4"
     with pytest.raises(ValueError, match=r"mine\.ipynb belongs to no assignment"):
         read(tmp_path, "x = 1", name="mine.ipynb")
+
+
+def test_the_challenge_has_a_command_of_its_own():
+    """It was said to belong to no assignment, and a fresh copy does neither."""
+    path = assets.course_folder() / "notebooks" / "homework" / "challenge.ipynb"
+    with pytest.raises(ValueError, match="has no exercises to check; cotlearn challenge FILE"):
+        submissions.read(path)
