@@ -3,6 +3,7 @@
 import math
 
 import torch
+from torch import Tensor
 
 from .common import Case, Cases, table
 
@@ -38,19 +39,33 @@ def halves(g: torch.Generator) -> Cases:
     yield Case((first, second, t, s, r), way / (r - t), wrong, what="the mean velocity")
 
 
-@table("13.reading")
-def reading() -> Cases:
-    """The way with the fewest seconds within twice the floor, of those with the given noise."""
-    listed = [("E", 15.0, 1.2, True), ("C", 20.0, 1.0, True), ("F", 30.0, 0.9, True)]
-    listed += [("A", 2.0, 1.1, False), ("B", 9.0, 1.8, True), ("D", 1.0, 6.0, True)]
-    rows = [{"way": w, "seconds": s, "score": e, "given_noise": g} for w, s, e, g in listed]
-    for floor, right in ((1.0, "B"), (0.9, "B"), (0.6, "E"), (0.4, "none")):
+@table("13.drift", seed=13)
+def drift(g: torch.Generator) -> Cases:
+    """Where samples of a group move: the mean of near data less that of near other samples."""
+    for m, n, h in ((5, 8, 1.0), (4, 3, 0.5)):
+        y, data = torch.randn(m, 2, generator=g), 1 + torch.randn(n, 2, generator=g)
+        to_data, to_others = torch.cdist(y, data), torch.cdist(y, y)
+        with_itself = _near(to_others, y, h)
+        to_others = to_others.fill_diagonal_(torch.inf)
+        pull, push = _near(to_data, data, h), _near(to_others, y, h)
         wrong = {
-            "that way starts from other noise than the given": "A",
-            "its score is more than twice the floor": "D",
-            "not the best score, but the fewest seconds among the good ones": "F",
-            f"twice the floor is allowed: {right!r} is faster": "C",
-            "'B' is faster, and its score at most twice the floor: compare all, with <=": "E",
-            "at most twice the floor is asked for: 'B' has more": "B",
+            "a sample is not compared with itself: leave it out of the other samples": pull
+            - with_itself,
+            "subtract the mean of the other samples near it, not the sample": pull - y,
+            "the data pull and the samples push: data minus samples": push - pull,
+            "near rows count most: a minus before the distance": _near(-to_data, data, h)
+            - _near(-torch.cdist(y, y).fill_diagonal_(-torch.inf), y, h),
+            "weigh the rows by their nearness": (data.mean(dim=0) - y.mean(dim=0)).expand(m, 2),
+            "divide the distances by h": _near(to_data, data, 1.0) - _near(to_others, y, 1.0),
+            "the distance, not its square": _near(to_data.square(), data, h)
+            - _near(to_others.square(), y, h),
+            "that is the mean of the data near it: subtract that of the other samples": pull,
         }
-        yield Case((rows, floor), right, {} if right == "none" else wrong)
+        if h == 1:
+            del wrong["divide the distances by h"]
+        yield Case((y, data, h), pull - push, wrong, what="the move")
+
+
+def _near(distance: Tensor, rows: Tensor, h: float) -> Tensor:
+    """The means of rows (n, d), weighted by the softmax of -distance / h, (m, d)."""
+    return (-distance / h).softmax(dim=1) @ rows

@@ -16,10 +16,23 @@ def halves(first, second, t, s, r):
     return ((s - t) * first + (r - s) * second) / (r - t)
 
 
-def reading(rows, floor, *, given=True, most=2.0, key="seconds"):
-    good = [row for row in rows if row["score"] <= most * floor]
-    good = [row for row in good if row["given_noise"] or not given]
-    return min(good, key=lambda row: row[key], default={"way": "none"})["way"]
+def near(distance, rows, h):
+    return (-distance / h).softmax(dim=1) @ rows
+
+
+def move(y, data, h, *, sign=1.0, power=1.0):
+    pull = near(sign * torch.cdist(y, data) ** power, data, h)
+    apart = torch.where(torch.eye(len(y)) > 0, torch.inf, sign * torch.cdist(y, y) ** power)
+    return pull - near(apart, y, h)
+
+
+def by_loops(y, data, h):
+    moved = []
+    for i in range(len(y)):
+        rest = torch.cat([y[:i], y[i + 1 :]])
+        pull, push = (near(torch.cdist(y[i : i + 1], z), z, h) for z in (data, rest))
+        moved.append((pull - push)[0])
+    return torch.stack(moved)
 
 
 MISTAKES = [
@@ -37,17 +50,25 @@ MISTAKES = [
     ("13.halves", lambda a, b, t, s, r: halves(a, b, t, s, 1), "ends at r"),
     ("13.halves", lambda a, b, t, s, r: (r - t) / r * halves(a, b, t, s, r), "by the end r"),
     ("13.halves", lambda a, b, t, s, r: a + b, "expected"),
-    ("13.reading", lambda rows, floor: reading(rows, floor, given=False), "other noise"),
-    ("13.reading", lambda rows, floor: reading(rows, floor, most=100), "more than twice"),
-    ("13.reading", lambda rows, floor: reading(rows, floor, key="score"), "fewest seconds"),
-    ("13.reading", lambda rows, floor: reading(rows, floor, most=1.0), "'B' is faster"),
-    ("13.reading", lambda rows, floor: reading(rows, floor, key="given_noise"), "compare all"),
-    ("13.reading", lambda rows, floor: reading(rows, 1.0), "'B' has more"),
-    ("13.reading", lambda rows, floor: reading(rows, floor - 1e-9), "with <="),
-    ("13.reading", lambda rows, floor: "none", "expected 'B'"),
+    (
+        "13.drift",
+        lambda y, x, h: near(torch.cdist(y, x), x, h) - near(torch.cdist(y, y), y, h),
+        "itself",
+    ),
+    ("13.drift", lambda y, x, h: near(torch.cdist(y, x), x, h) - y, "not the sample"),
+    ("13.drift", lambda y, x, h: -move(y, x, h), "data minus samples"),
+    ("13.drift", lambda y, x, h: move(y, x, h, sign=-1.0), "a minus before"),
+    ("13.drift", lambda y, x, h: (x.mean(0) - y.mean(0)).expand(len(y), 2), "by their nearness"),
+    ("13.drift", lambda y, x, h: move(y, x, 1.0), "divide the distances by h"),
+    ("13.drift", lambda y, x, h: move(y, x, h, power=2.0), "not its square"),
+    ("13.drift", lambda y, x, h: near(torch.cdist(y, x), x, h), "subtract that of"),
+    ("13.drift", lambda y, x, h: 2 * move(y, x, h), "expected"),
+    ("13.drift", lambda y, x, h: y.mean(), "shape"),
+    ("13.drift", 2.0, "expected a function"),
 ]
 
-RIGHT = [("13.mean_velocity", mean_velocity), ("13.halves", halves), ("13.reading", reading)]
+RIGHT = [("13.mean_velocity", mean_velocity), ("13.halves", halves)]
+RIGHT += [("13.drift", move), ("13.drift", by_loops)]
 
 
 def look_up(c, seen, chunks):
