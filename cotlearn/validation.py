@@ -5,6 +5,7 @@ Each error message names the argument, the value that came and the value that wa
 
 import itertools
 import math
+import reprlib
 from collections.abc import Sequence
 from numbers import Integral
 from types import EllipsisType
@@ -22,6 +23,30 @@ LARGEST_SEED = 2**63 - 1  #: that a torch.Generator takes
 SMALLEST_SQUARED, LARGEST_SQUARED = 1e-140, 1e145  #: of numbers whose squares are summed
 #: What couplings say of images.
 IMAGES = "; images[pairs.target_index] are the images of the pairs"
+LONGEST = 120  #: characters of a value in an error message
+
+
+class _Short(reprlib.Repr):
+    """Values on one line: of tensors and arrays only kind and shape, of long ones both ends."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxstring = self.maxother = LONGEST
+
+    def repr_instance(self, x: Any, level: int) -> str:
+        """A value that is no container, string or integer; numbers without axes are written out."""
+        shape = getattr(x, "shape", None)
+        if isinstance(shape, tuple) and shape:
+            return f"{type(x).__name__} of shape {tuple(shape)}"
+        return " ".join(super().repr_instance(x, level).split())
+
+
+short = _Short().repr  #: a value as error messages have it
+
+
+def counted(count: int, noun: str) -> str:
+    """The number with its noun, as "1 row" and "2 rows"."""
+    return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def check_matrix(value: Any, name: str, *, columns: int | None = None, hint: str = "") -> Tensor:
@@ -177,9 +202,9 @@ def _half_would_merge(value: NDArray[Any]) -> NDArray[np.bool_]:
 def check_same_rows(first: Tensor, first_name: str, second: Tensor, second_name: str) -> None:
     """Raise ValueError unless both tensors have the same number of rows."""
     if not isinstance(second, Tensor) or not second.ndim:  # the first is checked already
-        raise TypeError(f"{second_name} must be a torch tensor with rows, got {second!r}")
+        raise TypeError(f"{second_name} must be a torch tensor with rows, got {short(second)}")
     if len(first) != len(second):
-        rows = f"{first_name} has {len(first)} rows, {second_name} has {len(second)}"
+        rows = f"{first_name} has {counted(len(first), 'row')}, {second_name} has {len(second)}"
         raise ValueError(f"{rows}: they must have the same number")
 
 
@@ -266,9 +291,17 @@ def check_real(value: Any, name: str, kinds: str = "fiub") -> NDArray[Any]:
     if array.dtype.kind not in kinds:
         wanted = "integers" if kinds == "iu" else "real numbers"
         wanted += " or strings" if "U" in kinds else ""
-        got = repr(value) if array.dtype.kind in "OUS" else array.dtype
-        raise TypeError(f"{name} must hold {wanted}, got {got}")
+        raise TypeError(f"{name} must hold {wanted}, got {_held(value, array)}")
     return array
+
+
+def _held(value: Any, array: NDArray[Any]) -> str:
+    """What a value holds in the place of real numbers, if NumPy reads it as this array."""
+    if array.dtype.kind not in "OUS":
+        return str(array.dtype)
+    if array is not value or not array.ndim:
+        return short(value)
+    return f"{'objects' if array.dtype.kind == 'O' else 'text'} of shape {array.shape}"
 
 
 def check_without_gradient(value: Tensor, name: str) -> Tensor:
@@ -304,7 +337,7 @@ def check_count(
     True, 3.0 and tensors are not integers. `of` says what `most` is, as "the {} rows".
     """
     if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"{name} must be an integer, got {value!r}")
+        raise TypeError(f"{name} must be an integer, got {short(value)}")
     number = int(value)
     if number < minimum:
         raise ValueError(f"{name} must be at least {minimum}, got {number}")
@@ -325,7 +358,7 @@ def check_number(value: Any, name: str, *, minimum: float = 0.0, infinite: bool 
     except (ValueError, RuntimeError):
         scalar = None
     if isinstance(scalar, bool) or not isinstance(scalar, int | float):
-        raise TypeError(f"{name} must be a number, got {value!r}")
+        raise TypeError(f"{name} must be a number, got {short(value)}")
     number = float(scalar)
     if math.isnan(number) or number < minimum or (math.isinf(number) and not infinite):
         also = " (infinity is allowed)" if infinite else " and finite"
@@ -350,33 +383,32 @@ def check_share(value: Any, name: str) -> float:
 def check_choice(value: Any, name: str, choices: tuple[str, ...], also: str = "") -> str:
     """Return `value` if it is one of `choices`; `also` says what else the argument may be."""
     if not isinstance(value, str) or value not in choices:
-        raise ValueError(f"{name} must be {also}one of {', '.join(choices)}; got {value!r}")
+        raise ValueError(f"{name} must be {also}one of {', '.join(choices)}; got {short(value)}")
     return str(value)
 
 
 def check_function(value: Any, name: str, form: str) -> Any:
     """Return `value` if it can be called; `form` is, for instance, "(x, c) -> x"."""
     if not callable(value):
-        raise TypeError(f"{name} must be a function {form}, got {value!r}")
+        raise TypeError(f"{name} must be a function {form}, got {short(value)}")
     return value
 
 
 def check_has(value: Any, name: str, wanted: str, *attributes: str) -> Any:
     """Return `value` if it is an object, not a class, with these attributes; `wanted` names it."""
     if isinstance(value, type) or not all(hasattr(value, item) for item in attributes):
-        got = type(value).__name__ if isinstance(value, Tensor | np.ndarray) else repr(value)
-        raise TypeError(f"{name} must be {wanted}, got {got}")
+        raise TypeError(f"{name} must be {wanted}, got {short(value)}")
     return value
 
 
 def check_seeds(values: Any, name: str = "seeds") -> list[int]:
     """Return seeds as a list if they are a sequence of at least one integer from 0."""
     if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str) or not len(values):
-        raise TypeError(f"{name} must be a non-empty sequence of integers, got {values!r}")
+        raise TypeError(f"{name} must be a non-empty sequence of integers, got {short(values)}")
     return [check_seed(seed, f"{name}[{i}]") for i, seed in enumerate(values)]
 
 
 def check_generator(value: Any, name: str = "generator") -> None:
     """Raise TypeError unless `value` is torch's generator of random numbers, or None."""
     if value is not None and not isinstance(value, torch.Generator):
-        raise TypeError(f"{name} must be a torch.Generator or None, got {value!r}")
+        raise TypeError(f"{name} must be a torch.Generator or None, got {short(value)}")

@@ -183,3 +183,28 @@ def test_numbers_that_float32_would_merge_are_refused():
         validation.check_single(np.random.default_rng(0).normal(1e9, 1, size=(50, 1)), "x1")
     for kept in (minutes - minutes.mean(), np.full((9, 1), 1.7e9), np.full((9, 1), 0.1) * 3):
         assert len(np.unique(validation.check_single(kept, "c"))) == len(np.unique(kept))
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (torch.zeros(900, 2), r"Tensor of shape \(900, 2\)"),
+        (np.zeros((900, 2)), r"ndarray of shape \(900, 2\)"),
+        ({"c": torch.zeros(9, 1)}, r"{'c': Tensor of shape \(9, 1\)}"),
+        (torch.tensor(3.5), r"tensor\(3\.5000\)"),
+        (torch.nn.Sequential(*[torch.nn.ReLU()] * 40), r"Sequential\(.*\.\.\..*\)"),
+        ([0.5] * 900, r"\[0\.5, .*, \.\.\.\]"),
+        ("a" * 900, r"'a+\.\.\.a+'"),
+    ],
+)
+def test_a_value_of_any_size_is_one_short_line(value, words):
+    """Before, errors contained all of its numbers, over many lines."""
+    with pytest.raises(TypeError, match=f"^n must be an integer, got {words}$") as caught:
+        check_count(value, "n")
+    assert len(str(caught.value)) < 160
+
+
+def test_an_array_without_numbers_is_named_by_its_shape():
+    for held, kind in (("a", "text"), (None, "objects")):
+        with pytest.raises(TypeError, match=rf"got {kind} of shape \(400, 2\)$"):
+            validation.check_real(np.array([[held, held]] * 400), "x1")

@@ -189,7 +189,8 @@ def _paired(
     if is_pad is not None:
         wanted = tuple(actions.shape[:2])
         if not isinstance(is_pad, Tensor) or actions.ndim < 3 or is_pad.shape != wanted:
-            raise ValueError(f"is_pad must be (B, T) for actions (B, T, D), got {is_pad!r}")
+            got = validation.short(is_pad)
+            raise ValueError(f"is_pad must be (B, T) for actions (B, T, D), got {got}")
         x1 = x1.unflatten(1, (*actions.shape[1:2], -1))
         x1 = x1.masked_fill(is_pad.bool()[:, :, None], 0).flatten(1)
     varies = (x1 != x1[0]).any(dim=0)
@@ -206,7 +207,8 @@ def _paired(
 def _rows(value: Any, name: str) -> Tensor:
     """Floating-point values (B, ...) as a matrix (B, d) in at least single precision."""
     if not isinstance(value, Tensor) or not value.is_floating_point() or value.ndim < 2:
-        got = f"{tuple(value.shape)}, {value.dtype}" if isinstance(value, Tensor) else repr(value)
+        known = isinstance(value, Tensor)
+        got = f"{tuple(value.shape)}, {value.dtype}" if known else validation.short(value)
         raise TypeError(f"{name} must be a floating-point tensor (B, ...), got {got}")
     value = value.detach().flatten(1)
     return value if value.dtype == torch.float64 else value.float()
@@ -219,7 +221,8 @@ def _matrix(value: Any, name: str, clustered: bool) -> Tensor:
             {key: _matrix(part, f"{name}[{key!r}]", False) for key, part in value.items()}
         )
     if not isinstance(value, Tensor):
-        raise TypeError(f"{name} must be a tensor or a dictionary of tensors, got {value!r}")
+        got = validation.short(value)
+        raise TypeError(f"{name} must be a tensor or a dictionary of tensors, got {got}")
     value = value.detach()
     if value.ndim == 1 and not value.is_floating_point():  # labels: which rows have the same one
         classes = torch.unique(value, return_inverse=True)[1]

@@ -16,7 +16,7 @@ from cotlearn.interrupt import loading
 
 def report(
     data: Annotated[Path, typer.Argument(help="An .npz with x1 and c, .zarr or LeRobot folder.")],
-    out: Annotated[Path, typer.Option(help="The page to write.")] = Path("report.html"),
+    out: Annotated[Path, typer.Option(help="The page to write, an .html.")] = Path("report.html"),
     model: Annotated[Path | None, typer.Option(help="Default: OUT with .safetensors.")] = None,
     steps: Annotated[int, typer.Option(min=1, help="Gradient steps of each training.")] = 2000,
     observe: Annotated[int, typer.Option(min=1, help="States in c, for recorded episodes.")] = 2,
@@ -31,6 +31,8 @@ def report(
         check_output(out, "out")
         model = check_output(model or out.with_suffix(".safetensors"), "model")
         check_separate(data=data, out=out, model=model)
+        if out.suffix.lower() != ".html":
+            raise ValueError(f"--out must end in .html, as the page is HTML; got {out}")
         check_input(data, "data")
         about = f"tests and two trainings of {steps} steps: about {1 + steps // 2000} min"
         console.print(f"reading {escape(str(data))}")
@@ -44,6 +46,8 @@ def report(
         checkpoints = out.with_name(f".{out.name}")
         rows = read_data(data, observe=observe, predict=predict)
         console.print(f"{escape(rows.data.name)}: {escape(rows.about)}; then {about}")
+        for note in rows.notes:
+            console.print(f"note: {escape(note)}")
         say = functools.partial(console.print, markup=False)
         found = examine(rows, steps=steps, seed=seed, checkpoints=checkpoints, say=say)
         found.model.save(model)

@@ -61,7 +61,7 @@ class Pairs:
         validation.check_shape(x0, "x0", shape)
         validation.check_shape(self.x1, "x1", shape)
         if c is not None and not (isinstance(c, Tensor) and c.ndim == 2 and len(c) == len(x0)):
-            raise ValueError(f"c must have shape ({len(x0)}, columns), got {c!r}")
+            raise ValueError(f"c must have shape ({len(x0)}, columns), got {validation.short(c)}")
         for name in ("source_index", "target_index", "group"):
             if (value := getattr(self, name)) is not None or name != "group":
                 validation.check_index(value, name, len(x0))

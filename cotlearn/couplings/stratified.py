@@ -27,7 +27,7 @@ from cotlearn.couplings.base import (
     to_numpy,
 )
 from cotlearn.couplings.conditions import Clusters, KMeansCondition
-from cotlearn.validation import check_count
+from cotlearn.validation import check_count, counted
 
 Array = NDArray[Any]
 
@@ -98,9 +98,9 @@ class StratifiedOT(Coupling):
         if not (self._of_a_stream or self._warned):
             self._warned = True
             warnings.warn(
-                f"StratifiedOT was called with {len(x0)} rows: its clusters are theirs, not those "
-                "of a data set; if this is a batch, take batches from stream(Dataset(x1, c), "
-                "batch_size=...), or use ConditionalOT",
+                f"StratifiedOT was called with {counted(len(x0), 'row')}, of which it makes its "
+                "clusters, not of a data set: if this is a batch, take batches from "
+                "stream(Dataset(x1, c), batch_size=...), or use ConditionalOT",
                 stacklevel=4,
             )
         self._shown = self._last

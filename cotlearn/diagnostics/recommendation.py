@@ -23,6 +23,10 @@ MOST_ROWS = 20_000  #: rows that are compared; more would take minutes
 NARROW = 0.02  #: share of variance within conditions below which there is nothing to straighten
 LABELS_UP_TO = 64  #: most distinct conditions that are treated as labels
 GOOD_STRATUM = 32  #: rows of a cluster that are enough candidates
+CONSTANT = (
+    "The condition does not vary, so that naive OT is plain minibatch OT, without a condition, and "
+    "has nothing to skew. "
+)
 
 
 @dataclass(frozen=True)
@@ -60,11 +64,12 @@ def recommend(
     """Pick a coupling and its weight for data x1 (N, d) with conditions c (N, k).
 
     Candidates are independent pairs, naive OT, COT over a range of weights, and stratified OT with
-    and without residuals; candidates with significant skew are excluded. So is everything if a
-    regression of x1 on c scores better, by as much: then use that. Where it explains 98 % of the
-    variance, nothing is left to straighten: use independent pairs. Else the winner is the one whose
-    probe (see `one_step_scores`) has the best energy score on held-out rows, if it beats the probe
-    of independent pairs by 1 % and by more than chance; otherwise it is independent pairs.
+    and without residuals (if c does not vary, only the first two, and the reason says so);
+    candidates with significant skew are excluded. So is everything if a regression of x1 on c
+    scores better, by as much: then use that. Where it explains 98 % of the variance, nothing is
+    left to straighten: use independent pairs. Else the winner is the one whose probe (see
+    `one_step_scores`) has the best energy score on held-out rows, if it beats the probe of
+    independent pairs by 1 % and by more than chance; otherwise it is independent pairs.
     Chance is the margin that the best candidate reaches in one of 40 trials when none is better
     (Bonferroni): 2.8 standard errors for ten candidates.
 
@@ -101,6 +106,7 @@ def recommend(
     train, test = held_out(x1, c, seed, group)
     alone = regression_scores(train, test, steps=probe_steps, seed=seed)
     best, wins, reason = _choose(found, spread, alone)
+    reason = reason if _varies(c) else CONSTANT + reason
     score = float(alone.mean())
     return Recommendation(best.name, couplings[best.name], reason, found, spread, score, wins)
 
@@ -113,7 +119,10 @@ def candidates(x1: Tensor, c: Tensor) -> dict[str, Coupling]:
     dimensions all conditions are about equally far apart, and the small weights are useful.
     If one column of c has nearly all of its variance, or a few rows lie far from all others, COT
     sees the columns in units of their own (`OwnUnits`).
+    If c does not vary, no coupling can look at it: independent pairs and naive OT are left.
     """
+    if not _varies(c):
+        return {"independent": Independent(), "naive OT": MinibatchOT()}
     labels = len(torch.unique(c, dim=0)) <= LABELS_UP_TO
     chosen: dict[str, Coupling] = {"independent": Independent(), "naive OT": MinibatchOT()}
     units = OwnUnits.fit(c)
@@ -134,6 +143,10 @@ def candidates(x1: Tensor, c: Tensor) -> dict[str, Coupling]:
             chosen[f"stratified, {rows} rows"] = StratifiedOT(clusters)
             chosen[f"residuals, {rows} rows"] = StratifiedOT(clusters, residual=True)
     return chosen
+
+
+def _varies(c: Tensor) -> bool:
+    return bool((c != c[0]).any())
 
 
 def _choose(

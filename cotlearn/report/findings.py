@@ -1,5 +1,6 @@
 """The contents of a report: the diagnosis, the recommendation, and trained models."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from cotlearn.flows import VelocityMLP, fit, integrate
 from cotlearn.metrics import energy_scores
 from cotlearn.report.model import FewStepModel
 from cotlearn.report.sources import Rows
-from cotlearn.validation import check_count, check_has, check_seed
+from cotlearn.validation import check_count, check_has, check_seed, counted
 
 TRAININGS = ("independent", "recommended")  #: words in the names of their checkpoints
 FEWEST, FEWEST_OUT = 100, 20  #: rows to train on, and held out
@@ -132,11 +133,10 @@ class Findings:
         """One paragraph: what the trained models say about the recommendation."""
         free, tried = self.trials[0], self.trials[-1]
         needed = self.needed
-        share = float(free.spread[0] / self.advice.spread.within)  # inf where there is none
         own = (
             f"Independent pairs have an error of {free.at(1):.3g} at one evaluation and of "
-            f"{free.at(NFE[-1]):.3g} at {NFE[-1]}. In one step their samples have at least "
-            f"{100 * share:.0f} % of the variance within a condition that the data have. "
+            f"{free.at(NFE[-1]):.3g} at {NFE[-1]}. In one step their samples "
+            f"{_spread_in_words(free.spread[0] / self.advice.spread.within)}. "
         )
         if self.chosen is free:
             come = "s come" if needed != 1 else " comes"
@@ -171,6 +171,21 @@ def _signed(percent: float) -> str:
     return f"{round(percent, 1) + 0:+.1f} %"
 
 
+def _spread_in_words(share: Tensor) -> str:
+    """What samples whose variance is this share of the data's have; infinite where those have none.
+
+    The data's variance within a condition is estimated from above: what a regression leaves of it.
+    """
+    percent = 100 * float(share)
+    if math.isinf(percent):
+        return "vary within a condition, where the data do not"
+    if percent < 100.5:
+        return f"have about {percent:.0f} % of the variance within a condition that the data have"
+    return (
+        f"are spread more widely within a condition than the data: {percent:.0f} % of the variance"
+    )
+
+
 def split(rows: Rows, *, seed: int = 0) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Split rows by group: three quarters of the groups for training, the others held out.
 
@@ -179,7 +194,10 @@ def split(rows: Rows, *, seed: int = 0) -> tuple[NDArray[np.int64], NDArray[np.i
     """
     name, n, groups = rows.data.name, len(rows.data), int(rows.group.max()) + 1
     if groups < 4:
-        raise ValueError(f"{name} has {groups} groups: at least 4 are needed to split")
+        raise ValueError(
+            f"{name} has {counted(groups, 'group')}: at least 4 are needed to split; equal rows "
+            "are in one, unless group is given"
+        )
     rng = np.random.default_rng(check_seed(seed))
     out = np.isin(rows.group, rng.permutation(groups)[: groups // 4])
     inside, outside = (rng.permutation(np.flatnonzero(part)) for part in (~out, out))
@@ -190,6 +208,18 @@ def split(rows: Rows, *, seed: int = 0) -> tuple[NDArray[np.int64], NDArray[np.i
             f"at least {FEWEST} and {FEWEST_OUT} are needed{whole}"
         )
     return inside[:MOST], outside[:TEST_ROWS]
+
+
+def _scales_of(x1: Tensor, name: str) -> Standardiser:
+    """The scales of x1 (n, d).
+
+    Raises:
+        ValueError: no column varies.
+    """
+    scales = Standardiser.fit(x1)
+    if not scales.std.any():
+        raise ValueError(f"{name}: x1 does not vary, there is nothing to learn")
+    return scales
 
 
 def examine(
@@ -221,11 +251,12 @@ def examine(
     """
     check_count(steps, "steps")
     check_has(rows, "rows", "rows, as read_data returns them", "data", "group")
-    data, (inside, outside) = rows.data, split(rows, seed=seed)
+    data = rows.data
+    _scales_of(data.x1, data.name)  # before the split, in which equal rows are few groups
+    inside, outside = split(rows, seed=seed)
     assert data.c is not None  # `Rows` have conditions
-    x, c = Standardiser.fit(data.x1[inside]), TamedStandardiser.fit(data.c[inside])
-    if not x.std.any():
-        raise ValueError(f"{data.name}: x1 does not vary, there is nothing to learn")
+    x = _scales_of(data.x1[inside], data.name)
+    c = TamedStandardiser.fit(data.c[inside])
     x1, condition = x(data.x1), c(data.c)
     train, test = (Dataset(x1[part], condition[part], data.name) for part in (inside, outside))
     options: dict[str, Any] = {"rows": pairs, "probe_steps": probe_steps, "seed": seed}

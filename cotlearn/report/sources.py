@@ -1,6 +1,7 @@
 """Reads your own data: arrays, an .npz, a LeRobot folder, a Diffusion Policy zarr."""
 
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from cotlearn.datasets import Dataset
+from cotlearn.diagnostics.groups import numbered
 from cotlearn.files import check_input, reading
 from cotlearn.robots.episodes.checked import window_rows
 from cotlearn.robots.episodes.lerobot import OBSERVATIONS, read_frames, tables
@@ -21,10 +23,13 @@ from cotlearn.validation import (
     check_real,
     check_same_rows,
     check_single,
+    counted,
+    short,
 )
 
 MOST_LABELS = 64  #: distinct values of a vector of labels
 FEW = 20  #: distinct whole values of a column that may be labels
+NAMED = 5  #: columns that a note names
 EXPECTED = "an .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr"
 
 
@@ -37,12 +42,14 @@ class Rows:
         group: (n,), rows with the same number are never split between training and test.
         about: where it comes from, a few words.
         code: Python that reads it again from its file; empty if it came as arrays.
+        notes: what to look at before the numbers are believed, a sentence each.
     """
 
     data: Dataset
     group: NDArray[np.int64]
     about: str
     code: str = ""
+    notes: tuple[str, ...] = ()
 
 
 def read_data(path: str | Path, *, observe: int = 2, predict: int = 16) -> Rows:
@@ -85,20 +92,21 @@ def from_arrays(
     """Convert arrays to rows; axes after the first are flattened.
 
     A vector c of strings, booleans or integers holds labels, which become one-hot; a vector of
-    floating-point numbers becomes one column. A column of a matrix c is a number; where it may hold
-    labels, `Rows.about` says so.
+    floating-point numbers becomes one column. A column of a matrix c is a number. `Rows.notes` says
+    where it may hold labels, where c does not vary, and how many rows are copies.
 
     Args:
         x1: (n, ...), the data to generate.
         c: (n, ...) numbers, or (n,) labels.
-        group: (n,) integers or strings; every row is its own group if None.
+        group: (n,) integers or strings; if None, every row is its own group, but rows that are
+            equal in x1 and c share one.
         name: name of the data.
 
     Raises:
-        TypeError: an array does not hold numbers.
+        TypeError: an array does not hold numbers, or c holds text in a matrix.
         ValueError: shapes do not match, or values are not finite; says which and where.
     """
-    condition = _numbers_or_strings(c, "c")
+    condition = _numbers_or_labels(c)
     labels = condition.ndim == 1 and condition.dtype.kind in "UiubS"
     if labels:
         found, index = np.unique(condition, return_inverse=True)
@@ -108,18 +116,19 @@ def from_arrays(
                 "if these are numbers, store them as floating point"
             )
         condition = np.eye(len(found))[index]
-    data = Dataset(_numbers(x1, "x1"), _numbers(condition, "c"), name)
-    k = data.condition_dim
-    words = f"{k} labels" if labels else f"conditions of {_numbers_of(k)}{_maybe_labels(data.c)}"
-    together = np.arange(len(data)) if group is None else _numbers_or_strings(group, "group")
+    values, given = _numbers(x1, "x1"), _numbers(condition, "c")
+    data = Dataset(values, given, name)
+    k, equal = data.condition_dim, _equal_rows(torch.hstack([values, given]))
+    words = counted(k, "label") if labels else f"conditions of {counted(k, 'number')}"
+    together = equal if group is None else _numbers_or_strings(group, "group")
     if together.shape != (len(data),):
         raise ValueError(f"group must have shape ({len(data)},), got {together.shape}")
-    _, together = np.unique(together, return_inverse=True)
-    return Rows(data, together, f"{len(data)} rows of {_numbers_of(data.dim)}, {words}")
-
-
-def _numbers_of(count: int) -> str:
-    return f"{count} number{'s' * (count != 1)}"
+    if group is not None:
+        _, together = np.unique(together, return_inverse=True)
+    copies = _copies(equal) if group is None else _copies_apart(equal, together)
+    notes = (*_constant(given), *_maybe_labels(given), *copies)
+    about = f"{len(data)} rows of {counted(data.dim, 'number')}, {words}"
+    return Rows(data, together, about, notes=notes)
 
 
 def from_episodes(
@@ -150,33 +159,99 @@ def from_episodes(
     before, after, episode = window_rows(step, last, observe, predict)
     rows = from_arrays(done[after], seen[before], group=episode, name=name)
     about = f"{len(last)} episodes; {predict} actions given {observe} states; {rows.about}"
-    return Rows(rows.data, rows.group, about)
+    return replace(rows, about=about)
 
 
-def _maybe_labels(c: Tensor | None) -> str:
-    """Words about columns of c (n, k) with 3 to 20 whole values, beside as many others.
+def _constant(c: Tensor) -> list[str]:
+    """A note on columns of c (n, k) that do not vary."""
+    varies = (c != c[0]).any(dim=0).tolist()
+    if not any(varies):
+        return ["c does not vary: every coupling is then one without a condition"]
+    still = [str(i) for i, column_varies in enumerate(varies) if not column_varies]
+    if len(still) < 2:
+        return [f"column {i} of c does not vary: leave it out" for i in still]
+    more = f" and {len(still) - NAMED} more" if len(still) > NAMED else ""
+    return [f"columns {', '.join(still[:NAMED])}{more} of c do not vary: leave them out"]
+
+
+def _maybe_labels(c: Tensor) -> list[str]:
+    """Notes on columns of c (n, k) with 3 to 20 whole values: the only one, or beside as many more.
 
     Two values are left out: one column of them says as much as two of one-hot labels.
     """
-    if c is None or not 2 <= c.shape[1] <= MOST_LABELS:
-        return ""
+    if c.shape[1] > MOST_LABELS:
+        return []
     whole = [i for i, column in enumerate(c.T) if torch.equal(column, column.round())]
     values = {i: len(c[:, i].unique()) for i in whole}
     few = {i: n for i, n in values.items() if 3 <= n <= min(FEW, len(c) // 3)}
-    if 2 * len(few) > c.shape[1]:
-        return ""
+    if len(few) > max(1, c.shape[1] // 2):
+        return []
     hint = "if these are labels, make them one-hot"
-    return "".join(f"; column {i} has {n} values: {hint}" for i, n in few.items())
+    return [f"column {i} of c has {n} values: {hint}" for i, n in few.items()]
+
+
+def _equal_rows(values: Tensor) -> NDArray[np.int64]:
+    """A number for each row of values (n, m), the same for equal rows, from 0 on."""
+    plain = values.numpy() + 0.0  # no -0.0, whose bytes differ
+    return numbered(plain.view(f"V{plain.itemsize * plain.shape[1]}")[:, 0], len(plain))
+
+
+def _copies(equal: NDArray[np.int64]) -> list[str]:
+    """A note on rows that share their number (n,) with an earlier one, and so its group."""
+    copies = len(equal) - (int(equal.max()) + 1)
+    if not copies:
+        return []
+    return [
+        f"rows that repeat another one, in x1 and in c: {copies} of {len(equal)}; equal rows are "
+        "held out together, unless group is given, but the intervals count each of them, and are "
+        "too narrow: leave copies out"
+    ]
+
+
+def _copies_apart(equal: NDArray[np.int64], group: NDArray[np.int64]) -> list[str]:
+    """A note on rows of one number (n,) in several groups (n,), as they were given."""
+    places = np.unique(np.stack([equal, group]), axis=1)[0]
+    apart = int((np.bincount(places) > 1)[equal].sum())
+    if not apart:
+        return []
+    return [
+        f"rows that repeat one of another group, in x1 and in c: {apart} of {len(equal)}; leave "
+        "copies out or give them one group, else the scores are too good"
+    ]
+
+
+def _numbers_or_labels(c: ArrayLike) -> NDArray[Any]:
+    """An array of real numbers, or a vector of strings.
+
+    Raises:
+        TypeError: c holds something else, or text in a matrix.
+    """
+    array = check_real(c, "c", "fiubUSOT")
+    items = array.astype(object).flat if array.ndim > 1 and array.dtype.kind in "USOT" else ()
+    if any(isinstance(item, str | bytes) for item in items):
+        raise TypeError(
+            f"c must hold numbers or be a vector of labels, got text in shape {array.shape}: make "
+            "each column of text one-hot, beside the numbers, or pass one alone, as a vector"
+        )
+    return _numbers_or_strings(c, "c")
 
 
 def _numbers_or_strings(value: ArrayLike, name: str) -> NDArray[Any]:
-    """An array of real numbers or strings; pandas and NumPy may hold strings as objects."""
-    dtype = getattr(value, "dtype", None)
-    if getattr(dtype, "kind", "") in ("O", "T"):
-        items = np.asarray(value, dtype=object)
-        if all(isinstance(item, str) for item in items.flat):
-            return items.astype(str)
-    return check_real(value, name, "fiubUS")
+    """An array of real numbers or strings; pandas and NumPy may hold strings as objects.
+
+    Raises:
+        TypeError: it holds something else.
+    """
+    array = check_real(value, name, "fiubUSOT")
+    if array.dtype.kind not in "OT":
+        return array
+    items = array.astype(object)
+    others = [item for item in items.flat if not isinstance(item, str)]
+    if others:
+        odd = next((item for item in others if not isinstance(item, Real)), others[0])
+        got = f"objects such as {short(odd)}" if array.ndim else short(value)
+        raise TypeError(f"{name} must hold real numbers or strings, got {got}")
+    return items.astype(str)
 
 
 def _numbers(value: ArrayLike, name: str) -> Tensor:

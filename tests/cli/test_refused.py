@@ -102,6 +102,15 @@ def test_nothing_is_written_into_a_folder_of_data(tmp_path, monkeypatch, name):
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.parametrize("name", ["r.pdf", "r", "-", "r.html.b"])
+def test_a_page_has_a_name_that_says_so(tmp_path, name):
+    """Before, --out r.pdf was HTML."""
+    np.savez(data := tmp_path / "mine.npz", x1=np.zeros((9, 2)), c=np.zeros((9, 1)))
+    said = refused("report", data, "--out", tmp_path / name)
+    assert "--out must end in .html" in said
+    assert said.rstrip().endswith(name)
+
+
 def test_outputs_over_inputs(tmp_path):
     (file := tmp_path / "mine.py").write_text("coupling = 3")
     assert "file and out must be two files" in refused("challenge", file, "--out", file)

@@ -522,6 +522,14 @@ test_wrong_answers_are_named = refused(
 )
 
 
+@pytest.mark.parametrize("coupling", [StratifiedOT(), MinibatchOT()])
+def test_a_tuple_in_the_place_of_data_is_named_by_its_shapes(coupling):
+    """Before, the error contained all numbers of both tensors."""
+    got = r", got \(Tensor of shape \(100, 2\), Tensor of shape \(100, 1\)\)$"
+    with pytest.raises(TypeError, match="data must be an object with sample.*" + got):
+        next(coupling.stream((ROWS, ROWS[:, :1]), batch_size=8))
+
+
 def with_x1(change):
     def match(x0, x1, c, rng):
         return Match(np.arange(24), np.arange(24), x1=change(x1))
@@ -550,6 +558,7 @@ test_rows_of_pairs_are_looked_at = refused(
     (changed(source_index=torch.arange(3)), ValueError, r"source_index must have shape \(24,\)"),
     (changed(target_index=torch.ones(24)), TypeError, "target_index must be a tensor of integers"),
     (changed(target_index=None), TypeError, "target_index must be a tensor of integers, got None"),
+    (changed(c=torch.zeros(3, 2)), ValueError, r"c must have .*, got Tensor of shape \(3, 2\)$"),
     (
         changed(group=torch.zeros(3).long()),
         ValueError,

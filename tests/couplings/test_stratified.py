@@ -405,3 +405,9 @@ def test_very_many_tiny_clusters_are_said_and_take_seconds(monkeypatch):
         next(StratifiedOT().stream(data, batch_size=256, generator=g))
     assert 1000 < len(solved) < 4000
     assert min(solved) == 5
+
+
+def test_one_row_is_one_row():
+    """Before, the warning said 1 rows."""
+    with pytest.warns(UserWarning, match="called with 1 row, of which it makes its clusters"):
+        StratifiedOT()(*torch.zeros(3, 1, 2))

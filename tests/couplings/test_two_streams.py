@@ -77,7 +77,7 @@ def test_a_call_after_a_stream_has_clusters_of_its_own_and_says_so():
     coupling = StratifiedOT(8)
     opened(coupling)
     z, c = torch.randn(512, 3, generator=seeded(3)), 100 + 10 * C
-    with pytest.warns(UserWarning, match="its clusters are theirs"):
+    with pytest.warns(UserWarning, match="of which it makes its clusters"):
         pairs = coupling(z, DATA.x1, c)
     assert linear_skew(pairs.x0, pairs.c).explained < 0.6
     assert len(coupling.clusters.labels(c).unique()) == 8

@@ -9,7 +9,7 @@ import torch
 from support import refused, seeded
 
 from cotlearn import mixtures
-from cotlearn.couplings import ConditionalOT, Coupling, Independent, StratifiedOT
+from cotlearn.couplings import ConditionalOT, Coupling, Independent, MinibatchOT, StratifiedOT
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import frontier, recommend, skew
 from cotlearn.diagnostics.probe import one_step_scores, regression_scores
@@ -162,6 +162,10 @@ def test_constant_conditions():
     found = chosen.frontier[chosen.name]
     assert not found.flagged
     assert found.one_step_score < chosen.frontier["independent"].one_step_score
+    assert chosen.coupling == MinibatchOT()  # before, COT per label
+    assert [point.name for point in chosen.frontier] == ["independent", "naive OT"]
+    assert chosen.reason.startswith("The condition does not vary")
+    assert "label" not in chosen.reason
 
 
 def test_it_is_said_which_others_are_as_good():

@@ -194,7 +194,7 @@ def test_the_page_explains_the_names_that_occur_and_the_number_of_strata(finding
     assert "all 1500 has about 43 in each" in text
     assert "2000 rows of your data, about 57." in text
     before, after = text.split("coupling = StratifiedOT(KMeansCondition(35), residual=True)")
-    details = "of the variance within a condition"
+    details = "In one step their samples"
     assert (details in before, details in after) == (False, True)
 
 
@@ -288,6 +288,23 @@ def test_samples_are_drawn_over_held_out_rows(findings, columns):
         assert [len(dots.get_offsets()) for dots in panel.collections] == [50, 50]
 
 
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (0.04, "have about 4 % of the variance within a condition that the data have."),
+        (1.004, "have about 100 % of the variance within a condition that the data have."),
+        (5.27, "are spread more widely within a condition than the data: 527 % of the variance."),
+        (math.inf, "vary within a condition, where the data do not."),
+    ],
+)
+def test_the_spread_of_the_samples_is_that_of_the_table(findings, share, words):
+    """Before, it was "at least" that, even of 527 %."""
+    spread = torch.full((4,), share * findings.advice.spread.within)
+    trials = tuple(replace(trial, spread=spread) for trial in findings.trials)
+    said = replace(findings, trials=trials).verdict()
+    assert f"In one step their samples {words}" in said
+
+
 def test_no_word_of_the_workshop_is_left(findings):
     """The sign of the probe's forecast held: nobody outside knew what that says."""
     words = f"{findings.headline()} {findings.verdict()}"
@@ -302,17 +319,42 @@ def test_a_group_is_never_split():
     assert not set(group[train]) & set(group[test])
 
 
+def test_copies_are_held_out_together():
+    """Of 30 rows, 40 times each, all were on both sides; a split without copies is as before."""
+    x1, label = two_modes(30)
+    rows = from_arrays(np.tile(x1, (40, 1)), np.tile(label, 40))
+    train, test = split(rows)
+    assert (len(train), len(test)) == (23 * 40, 7 * 40)
+    assert not set(rows.group[train]) & set(rows.group[test])
+    alone, given = (split(from_arrays(*two_modes(), group=g)) for g in (None, np.arange(400)))
+    assert [part.tolist() for part in alone] == [part.tolist() for part in given]
+
+
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
         (from_arrays(*two_modes(100)), "100 rows, 75 to train on .* at least 100"),
-        (from_arrays(*two_modes(), group=np.zeros(400, int)), "1 groups: at least 4"),
+        (from_arrays(*two_modes(), group=np.zeros(400, int)), "1 group: at least 4"),
+        (from_arrays(*np.tile(two_modes(2)[0], (2, 200, 1))), "2 groups: .* equal rows are in one"),
         (from_arrays(np.ones((400, 2)), two_modes()[1]), "x1 does not vary"),
     ],
 )
 def test_data_that_do_not_do(rows, message):
     with pytest.raises(ValueError, match=message):
         examine(rows, steps=1, probe_steps=1, pairs=100)
+
+
+def test_notes_are_in_the_terminal_and_on_the_page(tmp_path):
+    """A condition that does not vary, before the trainings."""
+    path, out = tmp_path / "mine.npz", tmp_path / "r.html"
+    np.savez(path, x1=two_modes(200)[0], c=np.ones((200, 1)))
+    result = CliRunner().invoke(app, ["report", str(path), "--out", str(out), "--steps", "2"])
+    words = "ote: c does not vary: every coupling is then one without a condition"
+    before, after = " ".join(result.output.split()).split(f"n{words}")
+    assert ("training with" in before, "training with" in after) == (False, True)
+    text = out.read_text("utf-8")
+    assert f"<p>N{words}.</p>" in text
+    assert "label" not in text.partition("<h2>The names")[0]
 
 
 def test_the_command_stops_with_the_name_of_the_file(tmp_path):

@@ -51,15 +51,67 @@ def test_labels_become_one_hot(labels):
 def test_a_column_that_may_hold_labels_is_named():
     """Before, a class 0, 1 or 2 beside a number was a number without a word."""
     label, place = np.arange(60) % 3, numbers(60, 2)
-    about = from_arrays(place, np.column_stack([label, place])).about
-    assert about.endswith("; column 0 has 3 values: if these are labels, make them one-hot")
+    words = "column 0 of c has 3 values: if these are labels, make them one-hot"
+    assert from_arrays(place, np.column_stack([label, place])).notes == (words,)
+    assert from_arrays(place, label[:, None]).notes == (words,)  # alone; before, it was not named
     others = np.column_stack([np.eye(3)[label], place]), np.column_stack([np.arange(60), place])
     for c in (
         *others,
         np.column_stack([label / 2, place]),
         np.column_stack([label, 2 * label]),
     ):
-        assert "one-hot" not in from_arrays(place, c).about
+        assert from_arrays(place, c).notes == ()
+
+
+def test_a_condition_that_does_not_vary_is_named():
+    """Before, there was no word about it, and strata by its only label were recommended."""
+    for c in (np.ones((30, 1)), np.ones((30, 2)), ["a"] * 30):
+        rows = from_arrays(numbers(30, 2), c)
+        assert rows.notes == ("c does not vary: every coupling is then one without a condition",)
+    assert rows.about == "30 rows of 2 numbers, 1 label"
+    one = from_arrays(numbers(30, 2), np.insert(numbers(30, 2), 1, 7, axis=1))
+    assert one.notes == ("column 1 of c does not vary: leave it out",)
+    many = from_arrays(numbers(30, 2), np.insert(np.ones((30, 7)), 0, numbers(30), axis=1))
+    words = "columns 1, 2, 3, 4, 5 and 2 more of c do not vary: leave them out"
+    assert many.notes == (words,)
+
+
+def test_copies_share_a_group():
+    """Before, copies of training rows were held out, without a word, and the gain was a fiction."""
+    x1, c = numbers(30, 2), numbers(30, 1, seed=1)
+    rows = from_arrays(np.tile(x1, (40, 1)), np.tile(c, (40, 1)))
+    assert rows.group.tolist() == [*range(30)] * 40
+    [note] = rows.notes
+    assert note.startswith("rows that repeat another one, in x1 and in c: 1170 of 1200; equal rows")
+    alike = from_arrays(np.zeros((30, 1)), c)  # in x1 alone
+    assert (alike.group.tolist(), alike.notes) == ([*range(30)], ())
+    zeros = from_arrays([[0.0], [-0.0], [1.0]], [[1.0], [1.0], [2.0]])
+    assert zeros.group.tolist() == [0, 0, 1]
+
+
+def test_copies_in_groups_that_were_given():
+    x1, c, group = numbers(30, 2), numbers(30, 1, seed=1), np.arange(30)
+    twice = np.tile(x1, (2, 1)), np.tile(c, (2, 1))
+    apart = from_arrays(*twice, group=np.append(group, [*range(20), *range(30, 40)]))
+    assert apart.group.tolist() == [*range(30), *range(20), *range(30, 40)]
+    [note] = apart.notes
+    assert note.startswith("rows that repeat one of another group, in x1 and in c: 20 of 60; leave")
+    assert from_arrays(*twice, group=np.tile(group, 2)).notes == ()
+
+
+def test_text_and_numbers_in_one_matrix():
+    """Before, the error began with the whole matrix, and said nothing of what to do."""
+    text, place = np.array(["a", "b"] * 300), numbers(600, 1)
+    mixed = np.column_stack([text, place]), np.column_stack([text.astype(object), place])
+    for c in (*mixed, mixed[0].tolist(), text[:, None], text[:, None].astype(bytes)):
+        with pytest.raises(
+            TypeError, match=r"got text in shape \(600, .\): make each col.* one-hot"
+        ):
+            from_arrays(place, c)
+    with pytest.raises(TypeError, match=r"c must hold real .*, got objects such as None$"):
+        from_arrays(numbers(3, 1), np.array([1, None, 2], dtype=object))
+    with pytest.raises(TypeError, match=r"c must hold real .*, got \[\[1\], \[2, 3\]\]$"):
+        from_arrays(place, [[1], [2, 3]])
 
 
 def test_strings_are_labels_however_they_are_held():
