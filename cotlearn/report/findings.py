@@ -157,7 +157,7 @@ class Findings:
             first += f"gains above {least:.1f} %"
         if self.chosen is tried:
             words = {None: f"do not reach that with {NFE[-1]}", 1: "reach that with one, too"}
-            need = words.get(needed, f"need {needed} evaluations for that")
+            need = words.get(needed, f"come within 1 % of that with {needed}")
             own += f"{tried.name} has {tried.at(1):.3g} at one; independent pairs {need}."
         late, late_error = self.gain(NFE[-1])
         ahead = tried.name if late > 0 else "independent"
