@@ -87,6 +87,7 @@ def batch(n=24, d=2, k=3, dtype=torch.float32, seed=0):
     return x0, x1, torch.eye(k, dtype=dtype)[torch.randint(k, (n,), generator=g)]
 
 
+@pytest.mark.filterwarnings("ignore:StratifiedOT was called with 1 row")
 @every
 @settings(max_examples=10, deadline=None)
 @given(
