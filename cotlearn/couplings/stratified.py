@@ -32,7 +32,7 @@ from cotlearn.validation import check_count, counted
 Array = NDArray[Any]
 
 FITTED_TO = "fitted_to"  #: name of the digest in a checkpoint
-MANY = 1000  #: rows from which it is said that conditions have few rows each
+MANY = 128  #: rows from which it is said that conditions have few rows each
 FEW = 8  #: rows of a condition on average, below which it is said
 TINY = 4  #: rows up to which all permutations are tried, of all such clusters at once
 LARGEST_SOLVE = 4096  #: most rows of an assignment, which then takes seconds and 0.3 GB

@@ -87,10 +87,16 @@ def load(path: str | Path) -> Coupling:
     Raises:
         FileNotFoundError: there is no such file.
         TypeError: it defines no coupling of this name.
+        ValueError: it does not run, with whatever error.
     """
     if not Path(path).is_file():
         raise FileNotFoundError(f"no file {path}")
-    names = runpy.run_path(str(path))
+    try:
+        names = runpy.run_path(str(path))
+    except Exception as error:  # whatever a stranger's code raises
+        why = f"{type(error).__name__}: {error}"
+        own = " (an entry is one file)" if isinstance(error, ImportError) else ""
+        raise ValueError(f"{_where(path, error)} does not run: {why}{own}") from error
     if not isinstance(found := names.get("coupling"), Coupling):
         raise TypeError(f"{path} must define `coupling`, a Coupling; got {found!r}")
     return found
@@ -110,11 +116,16 @@ def attempt(path: str | Path, seed: int) -> None:
         try:
             trained(data, coupling, 1)
         except Exception as error:  # whatever a stranger's code raises
-            frames = traceback.extract_tb(error.__traceback__)
-            lines = [frame.lineno for frame in frames if frame.filename == str(path)]
-            where = f"line {lines[-1]} of {path}" if lines else str(path)
             why = f"{type(error).__name__}: {error}"
+            where = _where(path, error)
             raise ValueError(f"{where} fails on the first batch of {task}: {why}") from error
+
+
+def _where(path: str | Path, error: Exception) -> str:
+    """The file with the last of its lines that an error passed, if there is one."""
+    frames = traceback.extract_tb(error.__traceback__)
+    lines = [frame.lineno for frame in frames if frame.filename == str(path)]
+    return f"line {lines[-1]} of {path}" if lines else str(path)
 
 
 @cache

@@ -43,6 +43,7 @@ class Rows:
         about: where it comes from, a few words.
         code: Python that reads it again from its file; empty if it came as arrays.
         notes: what to look at before the numbers are believed, a sentence each.
+        labels: the label of each column of c, if c came as a vector of labels.
     """
 
     data: Dataset
@@ -50,6 +51,7 @@ class Rows:
     about: str
     code: str = ""
     notes: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
 
 
 def read_data(path: str | Path, *, observe: int = 2, predict: int = 16) -> Rows:
@@ -107,15 +109,15 @@ def from_arrays(
         ValueError: shapes do not match, or values are not finite; says which and where.
     """
     condition = _numbers_or_labels(c)
-    labels = condition.ndim == 1 and condition.dtype.kind in "UiubS"
-    if labels:
+    labels: tuple[str, ...] = ()
+    if condition.ndim == 1 and condition.dtype.kind in "UiubS":
         found, index = np.unique(condition, return_inverse=True)
         if len(found) > MOST_LABELS:
             raise ValueError(
                 f"c is a vector of {len(found)} different labels, at most {MOST_LABELS} are taken; "
                 "if these are numbers, store them as floating point"
             )
-        condition = np.eye(len(found))[index]
+        condition, labels = np.eye(len(found))[index], tuple(map(str, found.tolist()))
     values, given = _numbers(x1, "x1"), _numbers(condition, "c")
     data = Dataset(values, given, name)
     k, equal = data.condition_dim, _equal_rows(torch.hstack([values, given]))
@@ -128,7 +130,7 @@ def from_arrays(
     copies = _copies(equal) if group is None else _copies_apart(equal, together)
     notes = (*_constant(given), *_maybe_labels(given), *copies)
     about = f"{len(data)} rows of {counted(data.dim, 'number')}, {words}"
-    return Rows(data, together, about, notes=notes)
+    return Rows(data, together, about, notes=notes, labels=labels)
 
 
 def from_episodes(

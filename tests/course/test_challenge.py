@@ -104,6 +104,21 @@ def test_files_that_define_no_coupling(tmp_path):
     assert isinstance(load(file), Independent)
 
 
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("import nunpy", "line 1 of .*does not run: ModuleNotFoundError: No module named 'nunpy' "),
+        ("x = 1\ncoupling = ConditionalOT()", "line 2 of .*does not run: NameError"),
+        ("def (", "does not run: SyntaxError"),
+    ],
+)
+def test_a_file_that_does_not_run_is_named_with_its_line(text, why, tmp_path):
+    """A package of the student's own was to be installed with the course's extra."""
+    (tmp_path / "mine.py").write_text(text, "utf-8")
+    with pytest.raises(ValueError, match=why):
+        challenge.load(tmp_path / "mine.py")
+
+
 def test_the_command_begins_with_the_courses_rows(quick, tmp_path):
     table = tmp_path / "board.csv"
     words = (written(tmp_path), "--out", table, "--steps", 2)

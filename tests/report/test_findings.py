@@ -180,6 +180,18 @@ def with_strata(findings):
     return replace(findings, advice=advice, trials=(free, tried), train=train, rows=rows)
 
 
+def test_the_page_says_which_column_is_which_label(findings, tmp_path):
+    """Zeros, which stood there, are no label at all: samples lay off the data."""
+    file = write_page(findings, tmp_path / "report.html", model="m.safetensors")
+    text = html.unescape(file.read_text("utf-8"))
+    assert findings.rows.labels == ("0", "1")
+    assert "labels = ['0', '1']  # a column of c each" in text
+    assert "c = torch.eye(len(labels))[[0] * 10]" in text
+    numbers = replace(findings, rows=replace(findings.rows, labels=()))
+    text = write_page(numbers, tmp_path / "r.html", model="m.safetensors").read_text("utf-8")
+    assert "c = torch.zeros(10, 2)  # your conditions" in text
+
+
 def test_the_page_explains_the_names_that_occur_and_the_number_of_strata(findings, tmp_path):
     """Before, nothing said what "residuals, 32 rows" are, nor why their code has a 35."""
     text = write_page(with_strata(findings), tmp_path / "r.html").read_text("utf-8")
