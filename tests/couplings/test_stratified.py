@@ -411,3 +411,11 @@ def test_one_row_is_one_row():
     """Before, the warning said 1 rows."""
     with pytest.warns(UserWarning, match="called with 1 row, of which it makes its clusters"):
         StratifiedOT()(*torch.zeros(3, 1, 2))
+
+
+@pytest.mark.parametrize("rows", [128, 500])
+def test_few_rows_of_numbers_are_said_to_be_paired_at_random(rows):
+    """Below 1,000 rows nothing was said, and the pairs were independent."""
+    x1, c = (torch.randn(rows, 2, generator=seeded(k)) for k in (0, 1))
+    with pytest.warns(UserWarning, match=rf"paired at random; .* StratifiedOT\({rows // 64}\)"):
+        next(StratifiedOT().stream(Dataset(x1, c), batch_size=64, generator=seeded()))
