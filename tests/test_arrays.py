@@ -86,6 +86,7 @@ def call(case: Any, arrays: dict[str, Any]) -> Any:
         return case.call(**arrays)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("two_candidates")
 @pytest.mark.parametrize(
     ("name", "argument"), [(name, key) for name, case in CASES.items() for key in case.arrays]

@@ -182,6 +182,7 @@ def drawn(data, n=100_000):
     return data.sample_given(c.expand(n, -1), generator=seeded(0)).double(), c
 
 
+@pytest.mark.slow
 @every
 @pytest.mark.parametrize("t", [0.1, 0.5, 0.8])
 def test_velocity_is_the_posterior_average(data, t):

@@ -28,6 +28,7 @@ def notebook(tmp_path):
     return write
 
 
+@pytest.mark.slow
 def test_run_stores_outputs_and_pages(notebook, tmp_path):
     path = notebook("print('✓ claim: it is so')", "6 * 7")
     result = invoke("run", str(path), "--inplace", "--html", str(tmp_path / "pages"))
@@ -39,6 +40,7 @@ def test_run_stores_outputs_and_pages(notebook, tmp_path):
     assert pages == {"a notebook.html", "index.html"}
 
 
+@pytest.mark.slow
 def test_a_run_of_pages_that_is_stopped_goes_on(notebook, tmp_path, monkeypatch):
     """It said so, and began again with the first notebook."""
     first = notebook("print('✓ claim: it is so')")
@@ -69,6 +71,7 @@ def test_a_run_of_pages_that_is_stopped_goes_on(notebook, tmp_path, monkeypatch)
     assert result.output.startswith("executing a notebook ...")
 
 
+@pytest.mark.slow
 def test_run_shows_the_failing_cell(notebook):
     path = notebook("x = 1", "y = x / 0  # [not markup]", "print('never')")
     before = path.read_bytes()
@@ -88,6 +91,7 @@ def test_run_knows_near_names(monkeypatch):
     assert "there is no notebook '00_start_her'; did you mean: 00_start_here?" in result.output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "said"),
     [("hw1", "executed; cotlearn check hw1 judges the answers"), ("challenge", "1 claim passed")],
@@ -222,6 +226,7 @@ def test_a_typo_of_a_command_gets_a_suggestion(typed, meant):
     assert f"Did you mean '{meant}'?" in invoke(typed).output
 
 
+@pytest.mark.slow
 def test_lab_asks_nothing_about_news():
     """JupyterLab's toast, and a warning of the debugger for each kernel."""
     found = {**os.environ, "JUPYTER_CONFIG_PATH": str(course.CONFIG)}

@@ -118,6 +118,7 @@ def test_full_with_a_zero_network_is_minibatch_ot():
     assert pairs.weight is None
 
 
+@pytest.mark.slow
 def test_full_with_little_regularisation_is_the_assignment_on_the_errors():
     x0, x1, c = batch(30)
     network = Counted()

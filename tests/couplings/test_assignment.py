@@ -58,6 +58,7 @@ def test_a_large_batch(dim):
     assert_optimal(points(1100, dim), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("regularization", [0.01, 0.05, 1.0])
 @pytest.mark.parametrize("dim", [2, 16])
 def test_the_largest_sum_of_entries_of_a_plan(dim, regularization):
@@ -193,6 +194,7 @@ def test_one_dimension_is_sorting():
     assert np.array_equal(np.argsort(x).argsort(), np.argsort(y[columns]).argsort())
 
 
+@pytest.mark.slow
 def test_the_cost_is_not_changed():
     for n in (50, 150):
         cost = points(n, 2)

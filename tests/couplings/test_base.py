@@ -87,6 +87,7 @@ def batch(n=24, d=2, k=3, dtype=torch.float32, seed=0):
     return x0, x1, torch.eye(k, dtype=dtype)[torch.randint(k, (n,), generator=g)]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:StratifiedOT was called with 1 row")
 @every
 @settings(max_examples=10, deadline=None)
@@ -168,6 +169,7 @@ def test_integer_conditions_pair_as_their_floats(coupling, dtype):
     assert coupling.candidates(x0, x1, c.to(dtype)) == coupling.candidates(x0, x1, c)
 
 
+@pytest.mark.slow
 def test_a_sampler_may_return_integer_labels():
     class Labels:
         dim, condition_dim, name = 2, 3, "labels"

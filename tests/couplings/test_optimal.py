@@ -62,6 +62,7 @@ def test_replacement_draws_from_the_exact_plan():
     assert torch.equal(pairs.target_index, best[pairs.source_index])
 
 
+@pytest.mark.slow
 def test_sinkhorn_costs_more_than_exact_and_less_than_independent():
     x0, x1 = batch(150)
     exact, independent = cost(MinibatchOT()(x0, x1)), cost(Independent()(x0, x1))

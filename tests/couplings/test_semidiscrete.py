@@ -44,12 +44,14 @@ def conditional():
     return SemidiscreteOT(20.0, iterations=1500).fit(X1, C, progress=False)
 
 
+@pytest.mark.slow
 def test_rows_are_chosen_equally_often(plain, conditional):
     for coupling in (plain, conditional):
         assert coupling.marginal_error < coupling.marginal_floor + 0.03
         assert 0 < coupling.marginal_floor < 0.05
 
 
+@pytest.mark.slow
 def test_the_marginal_error_is_what_a_count_says(plain):
     """And without a fitted potential it is large."""
     drawn = joined(take(plain, Dataset(X1), 100, batch_size=240), "target_index")
@@ -114,6 +116,7 @@ def test_clusters_keep_to_themselves():
     assert coupling.candidates(pairs.x0, pairs.x1, c) == pytest.approx(expected)
 
 
+@pytest.mark.slow
 def test_clusters_are_the_same_as_one_problem_for_each():
     """Two labels as clusters: each cluster's marginal is uniform, and so is the whole."""
     coupling = SemidiscreteOT(clusters=2, iterations=1500)
@@ -258,6 +261,7 @@ def test_a_potential_that_has_not_converged_says_so():
         SemidiscreteOT(iterations=3).fit(x1, progress=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["petals", "petals given c", "moving modes", "32 dimensions"])
 def test_the_default_fit_comes_near_the_floor(name):
     """With 200 draws a row even an exact fit to them would be some 0.03 away."""
@@ -298,6 +302,7 @@ def test_the_last_step_follows_the_spacing_of_the_rows():
     assert steps["twice"][1] == pytest.approx(steps["far"][1], rel=0.5)
 
 
+@pytest.mark.slow
 def test_a_batch_larger_than_the_data_is_stable():
     x1 = torch.randn(3, 2, generator=seeded())
     coupling = SemidiscreteOT(iterations=3000).fit(x1, progress=False)
@@ -308,6 +313,7 @@ def noise_at_50(n, generator=None):
     return 50 + torch.randn(n, 2, generator=generator)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", [None, noise_at_50])
 def test_a_shift_of_the_data_changes_no_pairing(source):
     """At a mean of 100 the fit kept 15 % of the pairs."""

@@ -390,6 +390,7 @@ def test_tiny_clusters_are_paired_optimally(dtype, offset):
         assert found == pytest.approx(least, rel=1e-3 if dtype == torch.float32 else 1e-9)
 
 
+@pytest.mark.slow
 def test_very_many_tiny_clusters_are_said_and_take_seconds(monkeypatch):
     """Each cluster was an assignment of its own: 30,000 of them took fifteen seconds."""
     solved, g = [], seeded()

@@ -32,6 +32,7 @@ def test_strata_may_be_given():
         assert all(len(label[batch.group == group].unique()) == 1 for group in range(2))
 
 
+@pytest.mark.slow
 def test_every_row_is_equally_likely():
     x1 = torch.arange(90.0)[:, None]
     c = (x1 > 9).float()  # strata of 10 and of 80 rows

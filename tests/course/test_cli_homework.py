@@ -43,6 +43,7 @@ def test_check_and_progress(tmp_path):
     assert "next: 00.self_test in 00_start_here.ipynb" in text
 
 
+@pytest.mark.slow
 def test_it_is_said_which_of_two_copies_is_checked(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = Path("mine") / "hw1.ipynb"

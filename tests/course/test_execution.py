@@ -23,6 +23,7 @@ def write(tmp_path):
     return write
 
 
+@pytest.mark.slow
 def test_a_notebook_that_runs(write, tmp_path, monkeypatch, capsys):
     # A kernel of that name which somebody registered must not get in the way.
     rogue = tmp_path / "rogue" / "kernels" / "python3"
@@ -64,6 +65,7 @@ def test_links_to_files_that_are_not_there_become_text(tmp_path):
     assert page.read_text("utf-8") == f"{kept} <code>4</code>"
 
 
+@pytest.mark.slow
 def test_a_failing_cell_is_named_and_ends_the_run(write):
     run = execution.execute(write("x = 1", "x / 0", "print('✓ claim: never reached')"))
     assert run.claims == 0
@@ -71,17 +73,20 @@ def test_a_failing_cell_is_named_and_ends_the_run(write):
     assert "ZeroDivisionError" in run.error
 
 
+@pytest.mark.slow
 def test_an_endless_cell_is_stopped(write):
     run = execution.execute(write("while True:\n    pass"), timeout=1)
     assert "longer than 1 seconds" in run.error
 
 
+@pytest.mark.slow
 def test_a_kernel_that_dies_is_noticed(write):
     run = execution.execute(write("import os\nos._exit(1)"))
     assert run.failed == 1
     assert "kernel died" in run.error
 
 
+@pytest.mark.slow
 def test_a_notebook_without_code(write):
     run = execution.execute(write())
     assert not run.error

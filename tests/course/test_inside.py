@@ -45,12 +45,14 @@ def judged(shell, path, name, monkeypatch):
     return set(verdicts), points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MASTERS)
 def test_solutions_get_all_points(shell, name, monkeypatch):
     found = judged(shell, MASTERS[name], name, monkeypatch)
     assert found == ({Verdict.CORRECT}, POINTS[name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MASTERS)
 def test_stubs_get_none(shell, name, monkeypatch):
     path = MASTERS[name].parent / "student" / f"{name}.ipynb"

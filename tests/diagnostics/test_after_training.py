@@ -67,6 +67,7 @@ def test_a_heavy_condition_closes_it():
     assert abs(gap.gap) < 0.1
 
 
+@pytest.mark.slow
 def test_a_trained_network():
     data, network = mixtures.petals(), VelocityMLP(2, 4, width=32, depth=2, seed=0)
     options = {"steps": 150, "batch_size": 128, "learning_rate": 1e-2, "ema": 0.9}
@@ -102,6 +103,7 @@ def test_the_budget_of_naive_ot_is_all_coupling():
     assert 0 < budget.floor < 0.1
 
 
+@pytest.mark.slow
 def test_the_budget_of_independent_pairs_is_all_discretisation():
     exact, flow = Exact("independent"), PROBLEM.flow("independent")
     budget = error_budget(exact, Gaussian(), exact, nfe=1, n=800)
@@ -110,6 +112,7 @@ def test_the_budget_of_independent_pairs_is_all_discretisation():
     assert budget.discretisation == pytest.approx(flow.squared_w2(1), rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_constant_mistake_is_the_network_s():
     """One step of v + (0.6, -0.8) lands 1 away from that of v: squared W2 grows by about 1."""
     exact = Exact("independent")
@@ -161,6 +164,7 @@ class Map:
         return 1 - x / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [1, 12])
 def test_no_gap_on_rows_whose_condition_says_nothing(columns):
     """With the pair's own row as truth of fresh noise every one of these was flagged."""

@@ -196,6 +196,7 @@ test_bad_input = refused(
 )
 
 
+@pytest.mark.slow
 def test_seconds_of_epochs_count_the_assignments(monkeypatch):
     """Strata are solved at the first batch of an epoch; the other batches cost next to nothing."""
     monkeypatch.setattr(time, "perf_counter", time.process_time)  # on busy machines, too

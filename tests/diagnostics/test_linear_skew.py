@@ -30,6 +30,7 @@ SHAPES = [(500, 2, 1), (1000, 16, 8), (600, 1, 3)]
 POLYNOMIALS = [({"degree": degree}, shape) for degree in (1, 2) for shape in SHAPES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("features", "shape"), [*POLYNOMIALS, ({"cells": 4}, SHAPES[0])], ids=str)
 def test_its_level_is_the_one_it_says(features, shape):
     n, d, k = shape
@@ -58,12 +59,14 @@ def test_units_and_repeated_columns_do_not_matter():
     assert same.explained == pytest.approx(linear_skew(x0, c).explained, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_in_many_dimensions_it_sees_what_neighbours_do_not():
     x0, c = paired(StratifiedOT(256), following(d=40, k=12, noise=8), rows=8192)
     assert linear_skew(x0, c).p_value < 1e-6
     assert not prior_skew(x0, c, generator=seeded()).flagged
 
 
+@pytest.mark.slow
 def test_finer_strata_leave_less_of_it():
     shares = [
         linear_skew(*paired(coupling, following(), rows=8192)).explained

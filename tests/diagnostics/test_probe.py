@@ -1,5 +1,6 @@
 """The probe: one Euler step, learned from pairs and scored on held-out rows."""
 
+import pytest
 import torch
 from support import seeded, take
 
@@ -16,6 +17,7 @@ def scores_of(coupling, train, test):
     return one_step_scores(pairs, test, steps=300)
 
 
+@pytest.mark.slow
 def test_it_ranks_couplings_as_training_does():
     """Petals: COT is best at one step; the score is that of samples at fresh noise."""
     x1, c = mixtures.petals().sample(1200, generator=seeded())

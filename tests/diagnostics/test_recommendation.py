@@ -40,6 +40,7 @@ def advice(x1, c, **options):
     return recommend(x1, c, **{"rows": 512, "probe_steps": 60, "progress": False, **options})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["petals", "rotating_pair", "moving_modes"])
 def test_several_modes_within_conditions_call_for_a_conditional_coupling(name):
     x1, c = getattr(mixtures, name)().sample(800, generator=seeded())
@@ -53,6 +54,7 @@ def test_several_modes_within_conditions_call_for_a_conditional_coupling(name):
     assert "\n" not in chosen.reason  # one paragraph
 
 
+@pytest.mark.slow
 def test_one_mode_for_each_condition_needs_no_coupling():
     """x1 = f(c) and a little noise: a regression would do."""
     c = torch.rand(800, 1, generator=seeded())
@@ -64,6 +66,7 @@ def test_one_mode_for_each_condition_needs_no_coupling():
     assert chosen.spread.between_share > 0.98
 
 
+@pytest.mark.slow
 def test_a_thin_circle_has_nothing_to_straighten():
     """Its thickness is learnt by all, so that a regression does not win, and yet it would do."""
     angle = 2 * math.pi * torch.rand(2000, 1, generator=seeded())
@@ -74,6 +77,7 @@ def test_a_thin_circle_has_nothing_to_straighten():
     assert "anything to straighten" in chosen.reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_three_columns_that_all_but_determine_the_data_call_for_a_regression(seed):
     """.2 % of the variance within: neighbours saw 7 %, and the advice was more data."""
@@ -88,6 +92,7 @@ def test_three_columns_that_all_but_determine_the_data_call_for_a_regression(see
     assert chosen.spread.between_share > 0.96
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_coupling_must_beat_independent_pairs_by_more_than_chance(seed):
     """Data with nothing to straighten: what is picked all the same must have earned it."""
@@ -120,6 +125,7 @@ def test_the_best_of_many_is_ahead_by_luck_as_often_as_the_only_one():
         assert 0.015 < lucky < 0.035
 
 
+@pytest.mark.slow
 def test_it_is_said_when_the_condition_explains_a_part_of_the_noise():
     """Few strata: x0 within one follows x1, which follows c."""
     c = torch.rand(2000, 1, generator=seeded())
@@ -132,6 +138,7 @@ def test_it_is_said_when_the_condition_explains_a_part_of_the_noise():
     assert not chosen.frontier["independent"].linear_skew.flagged
 
 
+@pytest.mark.slow
 def test_in_many_dimensions_the_probe_sees_what_neighbours_cannot(monkeypatch):
     """Two modes in 30 columns of noise."""
     monkeypatch.setattr(FRONTIER, "one_step_error", ONE_STEP_ERROR)
@@ -146,6 +153,7 @@ def test_in_many_dimensions_the_probe_sees_what_neighbours_cannot(monkeypatch):
     assert gain > 3 * error
 
 
+@pytest.mark.slow
 def test_a_condition_that_says_nothing_leaves_naive_ot_harmless():
     """Then x0 cannot depend on c, and nobody should be warned of skew."""
     x1, _ = mixtures.petals().sample(1000, generator=seeded())
@@ -156,6 +164,7 @@ def test_a_condition_that_says_nothing_leaves_naive_ot_harmless():
     assert "does not visibly skew" in chosen.reason
 
 
+@pytest.mark.slow
 def test_constant_conditions():
     x1, _ = mixtures.petals().sample(800, generator=seeded())
     chosen = advice(x1, torch.full((800, 1), 0.1), rows=256)
@@ -168,6 +177,7 @@ def test_constant_conditions():
     assert "label" not in chosen.reason
 
 
+@pytest.mark.slow
 def test_it_is_said_which_others_are_as_good():
     x1, c = mixtures.petals().sample(400, generator=seeded())
     found = advice(x1, c, rows=256, probe_steps=10)
@@ -188,6 +198,7 @@ def test_it_is_said_which_others_are_as_good():
         assert words in reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_skewed_coupling_is_never_picked(seed):
     """Small noisy data of all sorts."""
@@ -199,6 +210,7 @@ def test_a_skewed_coupling_is_never_picked(seed):
         assert not chosen.frontier[chosen.name].flagged
 
 
+@pytest.mark.slow
 def test_what_is_recommended_trains():
     data = mixtures.petals()
     chosen = advice(*data.sample(400, generator=seeded()), rows=256, probe_steps=10)
@@ -210,6 +222,7 @@ def test_what_is_recommended_trains():
     assert len(result.history["loss"]) == 1
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_advice():
     x1, c = mixtures.rotating_pair().sample(200, generator=seeded())
     one, two = (advice(x1, c, rows=256, probe_steps=10, seed=4) for _ in range(2))
@@ -250,6 +263,7 @@ def test_of_many_rows_a_sample_is_compared(monkeypatch):
     assert recommendation.candidates(x1, c)["stratified, 32 rows"].clusters.clusters == 37
 
 
+@pytest.mark.slow
 def test_a_regression_is_scored_on_the_rows_of_the_probe():
     """A probe that predicts what the regression predicts would have the same scores."""
     x1, c = mixtures.rotating_pair().sample(300, generator=seeded())

@@ -65,6 +65,7 @@ def test_a_skew_that_neither_mean_nor_variance_shows():
     assert prior_skew(x0, c, generator=g).flagged
 
 
+@pytest.mark.slow
 def test_p_values_are_uniform_where_x0_and_c_are_independent(monkeypatch):
     monkeypatch.setattr(skew, "RELABELLINGS", 99)
     values = []

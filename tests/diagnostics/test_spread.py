@@ -14,6 +14,7 @@ from cotlearn.gaussian import LinearGaussian
 OTHER = LinearGaussian(A=np.eye(2) / 5, b=[1.0, 2.0], S=3 * np.eye(2), S_c=[[2.0, 0.5], [0.5, 1]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("problem", [LinearGaussian.example(), OTHER])
 def test_linear_gaussian(problem):
     """Var(x1) = S + A S_c A': within and between."""
@@ -28,6 +29,7 @@ def test_linear_gaussian(problem):
     assert found.between_share == pytest.approx(between / (within + between), abs=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("data", "within", "between"),
     [
@@ -46,6 +48,7 @@ def test_mixtures(data, within, between):
     assert found.within + found.between == pytest.approx(found.total)
 
 
+@pytest.mark.slow
 def test_labels_in_any_order_and_columns_of_any_scale():
     x1, c = mixtures.petals().sample(300, generator=seeded())
     order = c.argmax(dim=1).argsort()
@@ -55,6 +58,7 @@ def test_labels_in_any_order_and_columns_of_any_scale():
     assert between_within(x1, 1e4 * c + 3).within == pytest.approx(plain.within, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_one_condition_and_constant_data():
     x1 = torch.randn(500, 2, generator=seeded())
     constant = between_within(x1, torch.full((500, 1), 0.1))
@@ -63,6 +67,7 @@ def test_one_condition_and_constant_data():
     assert (still.total, still.between_share) == (0, 0)
 
 
+@pytest.mark.slow
 def test_integer_conditions():
     x1, c = mixtures.petals().sample(200, generator=seeded())
     assert between_within(x1, c.long()) == between_within(x1, c)
@@ -92,6 +97,7 @@ SIXTY = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("columns", "rows", "seeds", "waves", "neighbours", "bound"), SIXTY)
 def test_a_share_of_sixty_percent(columns, rows, seeds, waves, neighbours, bound):
     """Nearer than neighbours, and not above the truth by more than chance."""
@@ -101,6 +107,7 @@ def test_a_share_of_sixty_percent(columns, rows, seeds, waves, neighbours, bound
     assert np.mean(shares) < 0.6 + 3 * 0.9 / math.sqrt(rows * seeds)  # of 2 (rows * seeds) numbers
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [4, 12])
 def test_a_condition_that_says_nothing_explains_nothing(columns):
     drawn = [smooth(200, columns, seed, share=0.0) for seed in range(2)]
@@ -108,6 +115,7 @@ def test_a_condition_that_says_nothing_explains_nothing(columns):
     assert np.mean(shares) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_what_is_learned_of_an_episode_is_not_what_its_condition_tells(seed):
     """24 episodes of 16 rows: x1 and c wander, each on its own; rows alone would give .9."""
@@ -130,6 +138,7 @@ def test_groups_are_checked():
         between_within(x1, c, groups=torch.arange(60) % 3)
 
 
+@pytest.mark.slow
 def test_the_curve_shows_that_more_rows_would_help():
     found = between_within(*smooth(800, 4, 0, waves=2.0))
     rows, shares = zip(*found.curve, strict=True)

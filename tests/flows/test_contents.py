@@ -200,6 +200,7 @@ def test_what_training_changes_does_not_count():
     assert contents(FlowMatching(0.3)) != contents(FlowMatching(0.4))
 
 
+@pytest.mark.slow
 def test_a_network_in_another_mode_or_compiled_is_the_same():
     network = Acting(torch.tanh)
     before = contents(network)

@@ -156,6 +156,7 @@ def _no_noise_in_the_judge(monkeypatch):
     monkeypatch.setattr(scheduling_ddpm, "randn_tensor", lambda shape, **_: torch.zeros(shape))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("prediction", "zero"), MODELS)
 def test_training_with_fit(prediction, zero):
     """A network that predicts the noise needs data of a small range, and its clipping."""

@@ -171,6 +171,7 @@ def test_half_precision_is_of_the_network_alone():
     assert torch.allclose(loss, expected, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_trained_network_has_both_modes_of_each_condition():
     """Labels 0 and 1: modes at (-3, 3) and (-1, 1), deviation 0.2; one evaluation."""
     g = seeded()
@@ -187,6 +188,7 @@ def test_a_trained_network_has_both_modes_of_each_condition():
         assert 0.4 < (y > 0).float().mean() < 0.6
 
 
+@pytest.mark.slow
 def test_a_continuous_condition_needs_batches_of_strata():
     g = seeded()
     c = torch.rand(1024, 1, generator=g)

@@ -102,6 +102,7 @@ def path(tmp_path):
 # --- learning ---
 
 
+@pytest.mark.slow
 def test_it_learns():
     data = petals()
     options = {"steps": 500, "batch_size": 128, "seed": 0, "learning_rate": 1e-2}

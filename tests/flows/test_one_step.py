@@ -98,6 +98,7 @@ def test_uniform_times_ask_for_jumps_over_nearly_all_of_the_path():
     assert long[False] < 0.001
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [MeanFlow(), Shortcut(0.25)])
 def test_one_jump_of_a_trained_network(loss):
     x1 = MEAN + SPREAD * torch.randn(4000, 1, generator=seeded())
@@ -112,6 +113,7 @@ def test_one_jump_of_a_trained_network(loss):
     assert flow.std() == pytest.approx(SPREAD, abs=0.2)
 
 
+@pytest.mark.slow
 def test_one_jump_of_a_network_that_predicts_the_data():
     x1 = MEAN + SPREAD * torch.randn(4000, 1, generator=seeded())
     network, loss = VelocityMLP(1, 1, width=64, seed=0), MeanFlow(uniform=True, prediction="data")

@@ -65,6 +65,7 @@ def exact():
     return curved(4000, "rk4")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", FIXED)
 def test_order_of_convergence_of_a_curved_field(method, exact):
     """The velocity of a mixture: nonlinear in x, so that a wrong stage cannot hide."""

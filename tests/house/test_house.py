@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 
+import pytest
 from lines import ROOT, code_lines
 
 from cotlearn.robots.registry import TASKS
@@ -39,6 +40,7 @@ def blocks():
         yield from re.findall(r"^```python[^\n]*\n(.*?)^```", path.read_text("utf-8"), re.M | re.S)
 
 
+@pytest.mark.slow
 def test_every_public_name_is_used_by_more_than_tests(tmp_path):
     """What Jupyter calls is named in pyproject.toml, and what gymnasium calls by the tasks."""
     for number, block in enumerate(blocks()):

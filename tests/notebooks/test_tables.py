@@ -85,6 +85,7 @@ def run(cell, space):
     return text.getvalue() + (plain(value._repr_html_()) if hasattr(value, "_repr_html_") else "")
 
 
+@pytest.mark.slow
 def test_stored_tables_are_those_of_the_files(cells):
     if not any(map(reads, cells)):
         pytest.skip("reads no file of results")

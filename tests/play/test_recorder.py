@@ -111,6 +111,7 @@ def test_how_an_episode_ended_is_said_until_the_next_push(tmp_path, easy, monkey
     assert "without success" in hand.view["note"]
 
 
+@pytest.mark.slow
 def test_a_hand_does_not_continue_a_script_s_recording(tmp_path):
     path = tmp_path / "script.npz"
     steer(path, episodes=1)

@@ -3,6 +3,7 @@
 import io
 
 import numpy as np
+import pytest
 import torch
 from PIL import Image
 
@@ -10,6 +11,7 @@ from cotlearn import plots
 from cotlearn.plots.motion import Gif
 
 
+@pytest.mark.slow
 def test_animation_is_a_small_gif(cloud):
     path = torch.stack([cloud[0] + t * (cloud[1] - cloud[0]) for t in torch.linspace(0, 1, 5)])
     animation = plots.animate({"independent": path, "conditional_ot": path}, cloud[2], limit=4)

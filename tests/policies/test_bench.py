@@ -56,6 +56,7 @@ def run(episodes, tmp_path):
     return ran
 
 
+@pytest.mark.slow
 def test_rows_are_added_once(run):
     _, episodes, study = run(["independent"])
     assert episodes["evaluations"].tolist() == [1, 1, 2, 2, 16, 16]
@@ -79,6 +80,7 @@ def test_a_cell_says_what_it_does(run):
     assert [line.split()[-1] for line in said if "plays 2 episodes" in line] == ["1", "2", "16"]
 
 
+@pytest.mark.slow
 def test_other_options_are_rows_of_the_study_alone(run, tmp_path):
     run(["independent"])
     other = replace(SMALL, options=replace(SMALL.options, steps=10))
@@ -90,6 +92,7 @@ def test_other_options_are_rows_of_the_study_alone(run, tmp_path):
     assert study["course"].tolist() == [1] * 3 + [0] * 3
 
 
+@pytest.mark.slow
 def test_weights_of_conditions_and_notes_tell_rows_apart(run, tmp_path):
     for number, weight in enumerate((1.0, 100.0)):
         other = replace(SMALL, options=replace(SMALL.options, condition_weight=weight))
@@ -109,6 +112,7 @@ def test_weights_of_other_options_are_refused(run, tmp_path):
         run(["behaviour_cloning"], other)
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_loses_nothing(run, tmp_path, monkeypatch):
     longer = replace(SMALL, options=replace(SMALL.options, steps=60))
     _, first, _ = run(["independent"], longer)

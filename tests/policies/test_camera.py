@@ -138,6 +138,7 @@ def test_one_look_for_a_chunk(network, windows, episodes):
     assert actions == pytest.approx(expected, abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [*COMPARED, "conditional_ot", "stratified", "mean_flow"])
 def test_every_method_trains_and_is_kept(episodes, method, tmp_path):
     made = [train(method, episodes, options=SMALL, progress=False).policy for _ in range(2)]

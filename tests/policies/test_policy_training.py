@@ -76,6 +76,7 @@ def test_options(episodes, change):
     assert policy.windows.frame == (options.frame or "body")
 
 
+@pytest.mark.slow
 def test_more_training_is_better(episodes):
     longer = Options(**{**SMALL.__dict__, "steps": 400, "width": 64})
     loss = train("behaviour_cloning", episodes, options=longer, progress=False).history["loss"]
@@ -108,6 +109,7 @@ def test_options_of_a_coupling_are_looked_at(episodes, method, options, message)
         train(method, episodes, options=replace(SMALL, **options))
 
 
+@pytest.mark.slow
 def test_the_frontier_chooses(episodes):
     options = replace(SMALL, clusters=None)
     opened = {"conditional_ot": "condition_weight", "residual": "clusters", "centred": "clusters"}

@@ -132,6 +132,7 @@ CELLS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("weights", "task", "regime", "method", "seed"), CELLS)
 def test_shipped_weights_repeat_their_rows(weights, task, regime, method, seed):
     """In 16 bits, and perhaps on another processor: contacts amplify any difference."""
@@ -164,6 +165,7 @@ def networks(deviation, counts, *, means=0.5, seed=0):
     return pd.DataFrame(rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deviation", [0.0, 0.02, 0.05, 0.1])
 def test_intervals_of_one_network_cover_their_method(deviation):
     """Those of its episodes alone cover .96, .93, .76 and .48."""
@@ -176,6 +178,7 @@ def test_intervals_of_one_network_cover_their_method(deviation):
     assert 0.92 < np.mean(held) < 0.98
 
 
+@pytest.mark.slow
 def test_what_is_level_with_the_best():
     told, near = [], []
     for seed in range(100):

@@ -137,6 +137,7 @@ def test_the_scores_of_the_literature():
     assert np.allclose(long["reward_20"], (long["coverage_20"] / 0.3).clip(max=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [task.name for task in TASKS.values() if task.demonstrations])
 def test_no_start_serves_twice(name):
     """Starts to explore with, to count modes from, to report and to learn from are different."""

@@ -112,6 +112,7 @@ def test_icnn_starts_at_the_gaussian_map():
     assert (made - truth).square().sum(dim=1).mean() < 0.02 * truth.var(dim=0).sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("c", [torch.eye(3)[torch.arange(3000) % 3], torch.rand(3000, 1) * 2 - 1])
 def test_picnn_starts_at_the_gaussian_map_of_each_condition(c):
     generator = seeded()

@@ -67,6 +67,7 @@ def test_one_euler_step_is_exact():
         assert torch.allclose(integrate(field, x0, nfe=nfe).x1, transport(net, x0), atol=1e-7)
 
 
+@pytest.mark.slow
 def test_loss_is_zero_for_optimal_pairs_and_else_the_floor():
     """The floor E|x1 - x0|^2 - W2^2, here in closed form for independent pairs."""
     net = gaussian_potential()
@@ -103,6 +104,7 @@ def test_floor_with_a_known_map():
 # --- I1: the loss is twice the dual, whatever the plan --------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("condition_dim", [0, 2])
 def test_i1_for_two_plans(condition_dim):
     net = network(condition_dim)
@@ -253,6 +255,7 @@ def test_resumes_bit_for_bit(loss, tmp_path, monkeypatch):
     assert same_weights(whole, fit(net, data, **options, **part).network)
 
 
+@pytest.mark.slow
 def test_sampling_through_the_field():
     data = petals()
     net = PICNN(2, 4, seed=0).start_at_gaussian(*data.sample(2000, seeded()))

@@ -36,6 +36,7 @@ def findings():
     return examine(rows, steps=40, probe_steps=120, pairs=400)
 
 
+@pytest.mark.slow
 def test_the_trials(findings):
     assert findings.trials[0].name == "independent"
     assert findings.trials[-1].name == findings.advice.name
@@ -50,6 +51,7 @@ def test_the_trials(findings):
     assert "within 1 % of" not in replace(findings, trials=(falling,)).verdict()  # of itself
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("better", "row_by_row", "headline"),
     [
@@ -81,6 +83,7 @@ def test_the_trial_decides_and_not_the_forecast(findings, better, row_by_row, he
     assert "groups that stay together" not in text  # none were given
 
 
+@pytest.mark.slow
 def test_a_sentinel_does_not_hide_its_column(two_candidates, tmp_path):
     """With 2 % of a column at -9999 the network scored .64 and .59 (two seeds), as without it."""
     rng = np.random.default_rng(0)
@@ -98,6 +101,7 @@ def test_a_sentinel_does_not_hide_its_column(two_candidates, tmp_path):
     assert torch.equal(*drawn)
 
 
+@pytest.mark.slow
 def test_a_regression_that_wins_is_the_headline():
     x1, c = two_columns = np.random.default_rng(0).normal(size=(2, 400, 2))
     x1[:] = np.sin(c) + 0.001 * x1
@@ -108,6 +112,7 @@ def test_a_regression_that_wins_is_the_headline():
     assert found.headline().startswith("Use a regression")
 
 
+@pytest.mark.slow
 def test_digits_whose_forecast_is_refuted_get_the_model_of_independent_pairs(monkeypatch):
     """The lower half given the upper half, where short and long trainings refute the probe."""
     strata = {"independent": Independent(), "strata": StratifiedOT(32)}
@@ -127,12 +132,14 @@ def test_digits_whose_forecast_is_refuted_get_the_model_of_independent_pairs(mon
     assert "the training shows a loss" in found.verdict()
 
 
+@pytest.mark.slow
 def test_178_rows_get_an_answer():
     found = examine(from_arrays(*two_modes(178)), steps=5, probe_steps=5, pairs=100)
     assert len(found.train) == 134
     assert found.headline()
 
 
+@pytest.mark.slow
 def test_the_model_speaks_the_units_of_the_data_and_survives_the_disk(findings, tmp_path):
     path = tmp_path / "model.safetensors"
     findings.model.save(path)
@@ -146,6 +153,7 @@ def test_the_model_speaks_the_units_of_the_data_and_survives_the_disk(findings, 
         model.sample(torch.zeros(1, 3))
 
 
+@pytest.mark.slow
 def test_the_page_is_whole_and_alone(findings, tmp_path):
     file = write_page(findings, tmp_path / "report.html", command="cotlearn report <x>")
     text = file.read_text("utf-8")
@@ -158,6 +166,7 @@ def test_the_page_is_whole_and_alone(findings, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]  # no part is left
 
 
+@pytest.mark.slow
 def test_the_snippet_of_the_page_is_python_for_any_name_of_a_model(findings, tmp_path):
     name = 'it"s\'); import os; print("a\\b.safetensors'
     text = write_page(findings, tmp_path / "report.html", model=name).read_text("utf-8")
@@ -180,6 +189,7 @@ def with_strata(findings):
     return replace(findings, advice=advice, trials=(free, tried), train=train, rows=rows)
 
 
+@pytest.mark.slow
 def test_the_page_says_which_column_is_which_label(findings, tmp_path):
     """Zeros, which stood there, are no label at all: samples lay off the data."""
     file = write_page(findings, tmp_path / "report.html", model="m.safetensors")
@@ -192,6 +202,7 @@ def test_the_page_says_which_column_is_which_label(findings, tmp_path):
     assert "c = torch.zeros(10, 2)  # your conditions" in text
 
 
+@pytest.mark.slow
 def test_the_page_explains_the_names_that_occur_and_the_number_of_strata(findings, tmp_path):
     """Before, nothing said what "residuals, 32 rows" are, nor why their code has a 35."""
     text = write_page(with_strata(findings), tmp_path / "r.html").read_text("utf-8")
@@ -261,6 +272,7 @@ COUPLINGS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("coupling", "code"), COUPLINGS, ids=[code for _, code in COUPLINGS])
 def test_the_loop_of_the_page_runs_for_any_coupling_and_file(coupling, code, findings, tmp_path):
     path = tmp_path / "it\"s'); raise SystemExit <b>.npz"
@@ -282,6 +294,7 @@ def test_the_loop_of_the_page_runs_for_any_coupling_and_file(coupling, code, fin
     assert names["samples"].shape == (10, 2)
 
 
+@pytest.mark.slow
 def test_the_loop_for_arrays_says_whose_they_are(findings, tmp_path):
     text = write_page(findings, tmp_path / "r.html").read_text("utf-8")
     assert "rows = from_arrays(x1, c)  # your two arrays" in text
@@ -356,6 +369,7 @@ def test_data_that_do_not_do(rows, message):
         examine(rows, steps=1, probe_steps=1, pairs=100)
 
 
+@pytest.mark.slow
 def test_notes_are_in_the_terminal_and_on_the_page(tmp_path):
     """A condition that does not vary, before the trainings."""
     path, out = tmp_path / "mine.npz", tmp_path / "r.html"

@@ -168,6 +168,7 @@ def check_pictures(how):
         assert 0.0002 < green < 0.02
 
 
+@pytest.mark.slow
 def test_pictures():
     """By OpenGL where that works on this machine, else drawn."""
     check_pictures(rendering.backend())
@@ -228,6 +229,7 @@ def test_a_fresh_process():
     subprocess.run([sys.executable, "-c", code], env=environment, check=True, timeout=120)
 
 
+@pytest.mark.slow
 def test_without_any_opengl_it_is_drawn(monkeypatch):
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr(rendering, "_works", lambda name: False)
@@ -283,6 +285,7 @@ def test_no_picture_without_a_mode():
     assert env.render() is None
 
 
+@pytest.mark.slow
 def test_pictures_from_several_threads():
     """As vector environments and notebooks make them; before, EGL refused the second thread."""
     env = Arm(render_mode="rgb_array", width=64, height=48)

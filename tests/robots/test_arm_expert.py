@@ -102,6 +102,7 @@ def test_via_points_differ_from_draw_to_draw():
 # --- the demonstrator -------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_episodes(kind):
     episodes = [ArmExpert(kind).episode(seed) for seed in range(12)]

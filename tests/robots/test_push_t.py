@@ -266,6 +266,7 @@ WHOLE = [("random", 200, 50), ("pushing", 20, 300)]
 SAMPLE = [("random", 15, 50), ("pushing", 3, 300)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "episodes", "steps"),
     [*SAMPLE, *(pytest.param(*some, marks=pytest.mark.slow) for some in WHOLE)],

@@ -73,6 +73,7 @@ def test_turning_points_outside_the_world_are_not_used():
 # --- pushes and their values ------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_pushes_do_the_same_wherever_the_tee_is():
     """Also those that were only mirrored, in a T that is turned and elsewhere."""
     library = pushes.library()
@@ -90,6 +91,7 @@ def test_pushes_do_the_same_wherever_the_tee_is():
         assert abs(math.remainder(found[2] - expected[2], 2 * math.pi)) < 0.01
 
 
+@pytest.mark.slow
 def test_sides_are_those_of_the_start():
     library = pushes.library()
     assert (library.start[library.side == 0][:, 1] < 0).all()
@@ -107,6 +109,7 @@ def test_relative_poses_and_back(x, y, angle):
     assert plan.relative_pose(pose) == pytest.approx(relative, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_the_value_is_zero_at_the_goal_and_grows_away_from_it():
     value = plan.value()
     assert plan.relative_pose(np.array(GOAL)) == pytest.approx([0, 0, 0], abs=1e-12)
@@ -121,6 +124,7 @@ def test_the_value_is_zero_at_the_goal_and_grows_away_from_it():
 # --- the demonstrator -------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_expert_reaches_the_goal(expert):
     episodes = [expert.episode(seed) for seed in range(50_000, 50_012)]
     assert all(episode.success for episode in episodes)
@@ -133,6 +137,7 @@ def test_the_expert_reaches_the_goal(expert):
     assert noise.std() == pytest.approx(5, abs=0.3)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_episode(expert):
     first, second = expert.episode(3), expert.episode(3)
     assert np.array_equal(first.action, second.action)
