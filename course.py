@@ -20,10 +20,12 @@ JupyterLab (`lab --port 9999`), notebooks (`slides 03 04`), files of tests (`tes
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import hashlib
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import threading
@@ -34,6 +36,7 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 PYTHON = VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 STAMP = VENV / "cotlearn-stamp.txt"  #: written last, so only a finished environment has it
+SECONDS_TO_END = 6  #: after Ctrl-C, and again when it was passed on
 DISK = 3.0  #: gigabytes, with the CPU build of torch
 #: Judges of tests, installed without what they ask for: an older pymunk, torchvision with CUDA.
 JUDGES = ("gym-pusht", "torchcfm")
@@ -180,7 +183,30 @@ def run(*words: str | Path, quiet: bool = False) -> int:
     """Runs a command in this folder; returns its exit status."""
     output = subprocess.DEVNULL if quiet else None
     command = [str(word) for word in words]
-    return subprocess.call(command, cwd=str(ROOT), env=environment(), stdout=output, stderr=output)
+    child = subprocess.Popen(
+        command, cwd=str(ROOT), env=environment(), stdout=output, stderr=output
+    )
+    try:
+        return child.wait()
+    except KeyboardInterrupt:
+        end(child)
+        raise
+
+
+def end(child: subprocess.Popen[bytes]) -> None:
+    """Lets an interrupted program put its things in order, and ends it if that takes too long.
+
+    In a terminal Ctrl-C reached it, too; a signal to this process alone has to be passed on. Killed
+    at once, it would leave its own children running: a server, kernels, workers.
+    """
+    for patience in (SECONDS_TO_END, SECONDS_TO_END):
+        with contextlib.suppress(subprocess.TimeoutExpired, KeyboardInterrupt):
+            child.wait(patience)
+        if child.poll() is not None:
+            return
+        if os.name != "nt":
+            child.send_signal(signal.SIGINT)
+    child.kill()
 
 
 def can_run(python: str | Path, code: str) -> bool:

@@ -4,6 +4,7 @@ import importlib.util
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -253,3 +254,32 @@ def test_the_closing_line_stays_the_last(tmp_path):
 def test_a_typo_gets_a_suggestion(script, capsys):
     assert script.main(["tets"]) == 2
     assert capsys.readouterr().out.endswith("got tets; did you mean test?\n")
+
+
+SLOW_TO_END = """
+import pathlib, sys, time
+try:
+    print("ready", flush=True)
+    time.sleep(60)
+except KeyboardInterrupt:
+    time.sleep(1)
+    pathlib.Path(sys.argv[1]).write_text("all is in order")
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="has no groups of processes")
+@pytest.mark.parametrize("alone", [True, False])
+def test_what_ctrl_c_ends_ends_in_order(tmp_path, alone):
+    """It was killed after a quarter of a second, and JupyterLab ran on. `timeout` signals alone."""
+    note = tmp_path / "note"
+    start = f"import course, sys; course.run(sys.executable, '-c', {SLOW_TO_END!r}, {str(note)!r})"
+    with subprocess.Popen(
+        [sys.executable, "-c", start],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True,
+    ) as process:  # fmt: skip
+        assert process.stdout.readline() == b"ready\n"
+        signalled = os.kill if alone else os.killpg
+        signalled(process.pid, signal.SIGINT)
+        assert process.wait(20) != 0
+    assert note.read_text() == "all is in order"
