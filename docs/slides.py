@@ -170,8 +170,12 @@ def exporter(folder: Path) -> SlidesExporter:
 def main(out: str, *names: str) -> None:
     """Write the slides of the notebooks with these numbers or paths, or of all of the path."""
     folder = Path(out)
+    try:
+        paths = [assets.find_notebook(name) for name in names] or assets.notebooks()
+    except ValueError as error:
+        sys.exit(f"error: {error}")
     write, written = exporter(folder), []
-    for path in [assets.find_notebook(name) for name in names] or assets.notebooks():
+    for path in paths:
         body, _ = write.from_notebook_node(slides_of(read(path)), {"metadata": {"name": path.stem}})
         page = folder / f"{path.stem}.slides.html"
         body = re.sub(r'href="(?:[\w.-]+/)?([\w.-]+)\.ipynb', r'href="\1.slides.html', body)

@@ -73,8 +73,7 @@ class PairedNoise:
     """
 
     def __init__(self, coupling: Coupling, *, generator: Generator | None = None) -> None:
-        wanted = "a coupling such as ConditionalOT()"
-        self.coupling = validation.check_has(coupling, "coupling", wanted, "match", "traits")
+        self.coupling = _check_coupling(coupling)
         validation.check_generator(generator)
         self.generator = generator
         self._kept: list[tuple[Tensor, Tensor, Condition]] = []
@@ -157,6 +156,13 @@ def _warn_if_constant(conditions: Sequence[Any], name: str = "the condition") ->
         )
 
 
+def _check_coupling(coupling: Coupling) -> Coupling:
+    """Return a coupling; not its class, its name or a function."""
+    wanted = "a coupling such as ConditionalOT()"
+    found: Coupling = validation.check_has(coupling, "coupling", wanted, "match", "traits")
+    return found
+
+
 def as_pairing(pairing: Coupling | PairedNoise) -> PairedNoise:
     """`PairedNoise` of a coupling, or the one that is given."""
     return pairing if isinstance(pairing, PairedNoise) else PairedNoise(pairing)
@@ -176,6 +182,7 @@ def _paired(
     noise: Tensor | None,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """The noise like `actions`, and as a matrix; which of its columns were paired."""
+    _check_coupling(coupling)
     x1 = validation.check_matrix(_rows(actions, "actions"), "actions")
     validation.check_generator(generator)
     if (worker := get_worker_info()) and generator and generator.initial_seed() != worker.seed:

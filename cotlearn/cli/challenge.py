@@ -18,7 +18,7 @@ def challenge(
     ),
     name: Annotated[str, typer.Option(help="Of your row; default: the file's.")] = "",
     seed: Annotated[
-        int | None, typer.Option(**SEED, envvar="SECRET_SEED", help="Of the data; default: 0.")
+        int | None, typer.Option(**SEED, envvar="CHALLENGE_SEED", help="Of the data; default: 0.")
     ] = None,
     steps: Annotated[
         int | None, typer.Option(min=1, help="Fewer only to try; default: 1500, which count.")
@@ -34,7 +34,8 @@ def challenge(
         check_output(out, "out")
         check_separate(file=file, out=out, page=out.with_suffix(".html"))
         if out.suffix.lower() != ".csv":
-            raise ValueError(f"out must be a file such as leaderboard.csv, got {out}")
+            beside = "the page lies beside it"
+            raise ValueError(f"out must be a file such as leaderboard.csv ({beside}), got {out}")
         if file is not None:
             check_input(file, "file")
         with loading():
@@ -63,5 +64,6 @@ def challenge(
             console.print(f"{escape(row)}: {entry.score:.3f} in {entry.seconds:.0f} s")
         page = rules.write_page(table, out)
         console.print(f"seed {chosen}, {budget} steps")
-        console.print(escape(table[["coupling", "score"]].to_string()))
+        ranked = table[["coupling", "score"]].set_axis(range(1, len(table) + 1))
+        console.print(escape(ranked.to_string()))
         console.print(f"table: {escape(str(out))}; page: {escape(str(page))}")

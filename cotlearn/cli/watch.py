@@ -68,7 +68,9 @@ def play(
     """Opens the playground: couplings, samples, robots and results, by hand in the browser."""
     with reported():
         from cotlearn.play import write_page
+        from cotlearn.validation import check_choice
 
+        check_choice(out.suffix.lower() if out else ".html", "suffix of out", (".html",))
         written = write_page(out or new_file("playground.html"))
     show(written, opened=out is None)
 

@@ -266,18 +266,36 @@ def _numbers(value: ArrayLike, name: str) -> Tensor:
     return check_matrix(check_single(rows, name), name)
 
 
+def _stored(file: Any, key: str) -> NDArray[Any] | None:
+    """An array of an .npz file, of numbers or words; None if it holds Python objects."""
+    try:
+        array: NDArray[Any] = file[key]
+    except ValueError as error:
+        if "Object arrays" not in str(error):
+            raise
+        return None
+    return array
+
+
 def _read_npz(path: Path) -> Rows:
     with reading(path, "no .npz file"), path.open("rb") as file:
         start = file.read(2)
     if start != b"PK":
         raise ValueError(f"{path} is no .npz file, as numpy.savez writes it")
     with (
-        reading(path, "no .npz file, or holds Python objects"),
+        reading(path, "no .npz file"),
         path.open("rb") as file,
         np.load(file, allow_pickle=False) as stored,
     ):
-        arrays = {key: stored[key] for key in ("x1", "c", "group") if key in stored}
         names = stored.files
+        found = {key: _stored(stored, key) for key in ("x1", "c", "group") if key in names}
+    if objects := [key for key, value in found.items() if value is None]:
+        key = objects[0]
+        raise ValueError(
+            f"{path}: {key} holds Python objects, which are never loaded; save words as "
+            f"{key}.astype(str), numbers as {key}.astype(float)"
+        )
+    arrays = {key: value for key, value in found.items() if value is not None}
     if missing := [key for key in ("x1", "c") if key not in arrays]:
         raise ValueError(f"{path} has no array {' and no array '.join(missing)}; it has {names}")
     return from_arrays(**arrays, name=path.name)

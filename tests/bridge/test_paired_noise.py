@@ -314,3 +314,10 @@ def test_no_two_workers_hand_out_the_same_noise(start, seed, warm):
     seen = sums(seed and seeded(seed))
     assert len(set(seen)) == len(seen) == 16  # of two workers in two epochs
     assert seen == sums(seed and seeded(2))  # the loader's seed decides, as in torch
+
+
+@pytest.mark.parametrize("coupling", [ConditionalOT, "ConditionalOT", None])
+def test_a_class_or_a_name_is_no_coupling(coupling):
+    for call in (lambda: paired_noise(coupling, chunks()), lambda: PairedNoise(coupling)):
+        with pytest.raises(TypeError, match="coupling must be a coupling such as ConditionalOT"):
+            call()

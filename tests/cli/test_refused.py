@@ -183,7 +183,9 @@ def test_grades_and_leaderboards_are_tables_in_csv(name, tmp_path):
     said = refused("grade", tmp_path / "in", "--out", tmp_path / name)
     assert f"out must be a file such as grades.csv, a table in CSV, got {tmp_path / name}" in said
     said = refused("challenge", "--out", tmp_path / name)
-    assert f"out must be a file such as leaderboard.csv, got {tmp_path / name}" in said
+    wanted = "out must be a file such as leaderboard.csv (the page lies beside it)"
+    assert f"{wanted}, got {tmp_path / name}" in said
+    assert "suffix of out must be one of .html" in refused("play", "--out", tmp_path / name)
 
 
 def test_feedback_does_not_go_to_the_hand_ins(tmp_path):

@@ -193,7 +193,7 @@ def test_without_a_file_the_leaderboard_is_completed_and_shown(quick, tmp_path):
     before = table.read_text()
     table.with_suffix(".html").unlink()
     code, said = entered("--out", table)
-    assert (code, "seed 0, 2 steps coupling score 0 mine 1.0" in said) == (0, True)
+    assert (code, "seed 0, 2 steps coupling score 1 mine 1.0" in said) == (0, True)
     assert table.with_suffix(".html").exists()
     assert table.read_text() == before
     assert entered("--out", table, "--steps", 3)[0] == 2

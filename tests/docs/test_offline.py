@@ -39,6 +39,13 @@ def slides(tmp_path_factory):
     return folder
 
 
+def test_a_number_without_a_notebook_gets_a_sentence(tmp_path):
+    command = [sys.executable, "docs/slides.py", str(tmp_path), "99"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: there is no notebook '99'; available: 00_start_here")
+
+
 @pytest.fixture
 def tab(browser):
     """A tab without network; whatever it asks of it, or misses, is a problem."""
