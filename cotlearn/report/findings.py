@@ -158,7 +158,11 @@ class Findings:
         if self.chosen is tried:
             words = {None: f"do not reach that with {NFE[-1]}", 1: "reach that with one, too"}
             need = words.get(needed, f"come within 1 % of that with {needed}")
-            own += f"{tried.name} has {tried.at(1):.3g} at one; independent pairs {need}."
+            own += (
+                f"{tried.name} has {tried.at(1):.3g} at one; independent pairs {need}. Samples of "
+            )
+            spread = tried.spread[0] / self.advice.spread.within
+            own += f"{tried.name} {_spread_in_words(spread)}."
         late, late_error = self.gain(NFE[-1])
         ahead = tried.name if late > 0 else "independent"
         better = f"{ahead} is better by {abs(late):.2g}"

@@ -5,7 +5,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from .common import Case, Cases, number, table
+from cotlearn.course.checking import NotYet, exercise
+from cotlearn.diagnostics import linear_skew
+
+from .common import Case, Cases, call, number, table
+
+ENOUGH = 134  #: rows, of which a quarter is held out
 
 
 @table("12.decide")
@@ -45,21 +50,35 @@ def _decision(gains: dict[str, float], right: str, sure: float) -> Case:
     return Case((scores, {"naive OT"}), right, wrong)
 
 
-@table("12.regret")
-def regret() -> Cases:
-    """By how many percent a score is above the smallest."""
-    scores = {"independent": 0.5, "COT": 0.4, "strata": 0.45}
-    for chosen in ("independent", "strata", "COT"):
-        own, best = scores[chosen], 0.4
-        wrong = {
-            "in percent: times 100": own / best - 1,
-            "in percent of the best score": 100 * (own - best) / own,
-            "small scores are good: the best is the smallest": 100 * (own / 0.5 - 1),
-            "that is the difference; divide it by the best score": 100 * (own - best),
-            "subtract the best score first, or 1": 100 * own / best,
-        }
-        hint = "take what the score has more than the smallest, in percent of the smallest"
-        yield Case((chosen, scores), 100 * (own / best - 1), wrong, hint, read=number)
+@exercise("12.own_data")
+def own_data(answer: Any) -> None:
+    """Two arrays with equally many rows that can be examined."""
+    from cotlearn.report import from_arrays  # late: it takes a second
+
+    pair = call(answer)
+    if not isinstance(pair, tuple | list) or len(pair) != 2:
+        raise NotYet(f"return two arrays, x1 and c, got {type(pair).__name__}")
+    try:
+        rows = from_arrays(*pair)
+    except (TypeError, ValueError) as error:
+        raise NotYet(str(error)) from None
+    assert rows.data.c is not None
+    x1, c = rows.data.x1.numpy(), rows.data.c.numpy()
+    if len(x1) < ENOUGH:
+        raise NotYet(f"that is {len(x1)} rows; the trial needs {ENOUGH}")
+    if not x1.std(axis=0).any():
+        raise NotYet("x1 does not vary: there is nothing to generate")
+    if not c.std(axis=0).any():
+        raise NotYet("c is the same in all rows: it tells nothing")
+    told = [(i, j) for i, a in enumerate(x1.T) for j, b in enumerate(c.T) if _is_line(a, b)]
+    if told:
+        i, j = told[0]
+        raise NotYet(f"column {j} of c tells column {i} of x1: generate what is not known")
+
+
+def _is_line(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether one column is the other in another unit."""
+    return bool(a.std() and b.std() and abs(np.corrcoef(a, b)[0, 1]) > 1 - 1e-6)
 
 
 @table("12.kept", seed=12)
@@ -83,17 +102,26 @@ def _same_places(y: torch.Tensor, labels: torch.Tensor) -> float:
     return float((y[: len(labels)] == labels).float().mean())
 
 
-@table("12.megabytes")
-def megabytes() -> Cases:
-    """One matrix of n / k rows, four bytes an entry."""
-    for n, k in ((1_000_000, 1), (1_000_000, 1000), (12_000, 30)):
-        rows = n / k
-        wrong = {
-            "strata are paired one after the other: one matrix at a time": 4 * rows * n / 1e6,
-            "a stratum has n / k rows": 4 * n**2 / 1e6,
-            "an entry in single precision has four bytes": rows**2 / 1e6,
-            "a megabyte is 10^6 bytes": 4 * rows**2,
-            "a megabyte is 10^6 bytes here, not 2^20": 4 * rows**2 / 2**20,
-            "the matrix has (n / k) rows and (n / k) columns": 4 * rows / 1e6,
-        }
-        yield Case((n, k), 4 * rows**2 / 1e6, wrong, read=number, what="the size")
+@table("12.diagnosis", seed=12)
+def diagnosis(g: torch.Generator) -> Cases:
+    """What the condition tells of noise and data, by two thresholds."""
+    c = torch.eye(4)[torch.randint(4, (2048,), generator=g)]
+    x1 = 2 * c + torch.randn(2048, 4, generator=g)
+    plain = float(linear_skew(x1, c).explained)
+    x0, order = torch.randn(2048, 4, generator=g), torch.randperm(2048, generator=g)
+    some = torch.where(torch.arange(2048) < 600, order.sort().indices, torch.arange(2048))
+    told = x0 + 0.5 * c - 0.125
+    near = x0 + 0.25 * c - 0.0625
+    for pairs, right in (
+        ((told, x1, c), "skew"),
+        ((x0, x1, c), "nothing"),
+        ((x0, x1[order], c), "labels"),
+        ((x0, x1[some], c), "labels"),
+        ((told, x1[some], c), "both"),
+        ((near, x1, c), "nothing"),
+        ((x0[order], x1[order], c[order]), "nothing"),
+    ):
+        noise, data = (float(linear_skew(x, pairs[2]).explained) for x in pairs[:2])
+        words = f"{4 * noise:.2f} columns of the noise are told, and {data:.0%} of the data"
+        hint = f"{words} ({plain:.0%} without a plan): {right!r}"
+        yield Case((*pairs, plain), right, {}, hint)

@@ -2,6 +2,9 @@
 
 import numpy as np
 import torch
+from sklearn.datasets import load_wine
+
+from cotlearn.diagnostics import linear_skew
 
 
 def clean(scores, flagged):
@@ -71,8 +74,35 @@ def kept(x1, y, paired_x1, paired_y):
     return float((y[row] == paired_y).float().mean())
 
 
-def megabytes(n, k):
-    return 4 * (n / k) ** 2 / 1e6
+def told(x0, x1, c):
+    noise, data = (float(linear_skew(x, c).explained) for x in (x0, x1))
+    return noise * x0.shape[1], data
+
+
+def diagnosis(least=0.1, share=0.9, columns=True):
+    """The rule with other thresholds, or with the share of the noise's variance."""
+
+    def answer(x0, x1, c, plain):
+        noise, data = told(x0, x1, c)
+        skewed, lost = (noise if columns else noise / 4) > least, data < share * plain
+        return {(1, 1): "both", (1, 0): "skew", (0, 1): "labels"}.get((skewed, lost), "nothing")
+
+    return answer
+
+
+def wines():
+    x1, sort = load_wine(return_X_y=True)
+    return x1, sort
+
+
+def measured(n=200, d=3, k=2):
+    g = np.random.default_rng(0)
+    return g.normal(size=(n, d)), g.normal(size=(n, k))
+
+
+def with_itself():
+    x1, c = measured()
+    return x1, np.column_stack([c, 2 - 3 * x1[:, 1]])
 
 
 MISTAKES = [
@@ -91,33 +121,37 @@ MISTAKES = [
     ("12.decide", lambda s, f: "independent", "9.0 standard errors"),
     ("12.decide", lambda s, f: "other", "expected"),
     ("12.decide", "strata", "expected a function"),
-    ("12.regret", lambda c, s: s[c] / min(s.values()) - 1, "times 100"),
-    ("12.regret", lambda c, s: 100 * (s[c] - min(s.values())) / s[c], "of the best score"),
-    ("12.regret", lambda c, s: 100 * (s[c] / max(s.values()) - 1), "small scores are good"),
-    ("12.regret", lambda c, s: 100 * (s[c] - min(s.values())), "divide it"),
-    ("12.regret", lambda c, s: 100 * s[c] / min(s.values()), "subtract the best"),
-    ("12.regret", lambda c, s: s.pop(c) and 0, "changed its inputs"),
-    ("12.regret", lambda c, s: 7.0, "more than the smallest"),
+    ("12.own_data", lambda: measured()[0], "return two arrays"),
+    ("12.own_data", lambda: measured(100), "that is 100 rows; the trial needs 134"),
+    ("12.own_data", lambda: (measured()[0], measured(180)[1]), "x1 has 200 rows, c has 180"),
+    ("12.own_data", lambda: (np.ones((200, 2)), measured()[1]), "x1 does not vary"),
+    ("12.own_data", lambda: (measured()[0], np.ones(200)), "tells nothing"),
+    ("12.own_data", with_itself, "column 2 of c tells column 1 of x1"),
+    ("12.own_data", lambda: (np.full((200, 2), np.nan), measured()[1]), "x1"),
+    ("12.own_data", lambda: "flower.npz", "return two arrays"),
+    ("12.own_data", measured(), "expected a function"),
+    ("12.diagnosis", diagnosis(columns=False), "'skew'"),
+    ("12.diagnosis", diagnosis(0.01), "'nothing'"),
+    ("12.diagnosis", diagnosis(share=0.2), "'labels'"),
+    ("12.diagnosis", lambda *given: "skew", "'nothing'"),
+    ("12.diagnosis", lambda *given: "nothing", "'skew'"),
+    ("12.diagnosis", lambda *given: 0.5, "'skew'"),
     ("12.kept", lambda x, y, px, py: (y[: len(py)] == py).float().mean(), "look each one up"),
     ("12.kept", lambda *given: 1 - kept(*given), "lost their label"),
     ("12.kept", lambda *given: kept(*given) * len(given[3]), "not the number"),
     ("12.kept", lambda *given: 0.5, "expected"),
     ("12.kept", lambda *given: "all", "number"),
-    ("12.megabytes", lambda n, k: 4 * n**2 / k / 1e6, "one matrix at a time"),
-    ("12.megabytes", lambda n, k: 4 * n**2 / 1e6, "a stratum has n / k rows"),
-    ("12.megabytes", lambda n, k: (n / k) ** 2 / 1e6, "four bytes"),
-    ("12.megabytes", lambda n, k: 4 * (n / k) ** 2, "10^6 bytes"),
-    ("12.megabytes", lambda n, k: 4 * (n / k) ** 2 / 2**20, "not 2^20"),
-    ("12.megabytes", lambda n, k: 4 * (n / k) / 1e6, "columns"),
-    ("12.megabytes", lambda n, k: 3.0, "expected"),
 ]
 
 
 RIGHT = [
     ("12.decide", right),
     ("12.decide", decide_by(1.96)),
-    ("12.regret", lambda c, s: 100 * (s[c] / min(s.values()) - 1)),
+    ("12.own_data", wines),
+    ("12.own_data", measured),
+    ("12.own_data", lambda: (measured()[0], np.resize(["a", "b"], 200))),
+    ("12.diagnosis", diagnosis()),
+    ("12.diagnosis", diagnosis(0.12, 0.85)),
     ("12.kept", kept),
     ("12.kept", lambda *given: np.float64(kept(*given))),
-    ("12.megabytes", megabytes),
 ]
