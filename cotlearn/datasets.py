@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Generator, Tensor
@@ -31,23 +32,34 @@ class Standardiser:
     def fit(cls, rows: Rows) -> Standardiser:
         """Take mean and population standard deviation from rows (n, k), a tensor or an array."""
         if not isinstance(rows, Tensor):
-            rows = validation.check_array(rows, "rows", (None, None))
+            rows = np.ascontiguousarray(validation.check_array(rows, "rows", (None, None)))
         rows = rows.detach() if isinstance(rows, Tensor) else rows
-        validation.check_matrix(torch.as_tensor(rows), "rows")
+        validation.check_squares(rows=validation.check_matrix(torch.as_tensor(rows), "rows"))
         std = rows.std(0, unbiased=False) if isinstance(rows, Tensor) else rows.std(0)
         varies = (rows != rows[0]).any(0)  # rounding can give constant columns a std above 0
         return cls(rows.mean(0), std * varies)
 
     def __call__(self, rows: Rows) -> Rows:
         """Standardise rows (n, k)."""
-        if rows.shape[1] != len(self.mean):
-            raise ValueError(f"rows must have {len(self.mean)} columns, got {rows.shape[1]}")
+        rows = self._like(rows)
         varies = self.std > 0
         return (rows - self.mean) * varies / (self.std + ~varies)
 
     def inverse(self, rows: Rows) -> Rows:
         """Return standardised rows (n, k) to the units of the data."""
-        return rows * self.std + self.mean
+        return self._like(rows) * self.std + self.mean
+
+    def _like(self, rows: Rows) -> Rows:
+        """The rows, as the mean a tensor or an array, if they have its columns."""
+        if not isinstance(rows, Tensor | np.ndarray):
+            rows = validation.check_array(rows, "rows", (None, None))
+        if rows.ndim != 2 or rows.shape[1] != len(self.mean):
+            got = tuple(rows.shape)
+            raise ValueError(f"rows must have shape (rows, {len(self.mean)}), got {got}")
+        if isinstance(self.mean, Tensor) != isinstance(rows, Tensor):
+            fitted, given = (type(part).__name__ for part in (self.mean, rows))
+            raise TypeError(f"rows must be a {fitted}, as those of the fit, got {given}")
+        return rows
 
 
 @dataclass(frozen=True)

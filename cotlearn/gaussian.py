@@ -226,9 +226,9 @@ def bures_map(source: Array, target: Array) -> Array:
 
 
 def bures_squared(first: Array, second: Array) -> float:
-    """Squared W2 between N(0, first) and N(0, second), both (d, d)."""
-    first = _symmetric(first, "first")
-    second = _symmetric(second, "second", len(first))
+    """Squared W2 between N(0, first) and N(0, second), both (d, d), positive semi-definite."""
+    first = _covariance(first, "first")
+    second = _covariance(second, "second", len(first))
     root = _sqrtm(first)
     mixed = _sqrtm(root @ second @ root)
     return max(float(np.trace(first) + np.trace(second) - 2 * np.trace(mixed)), 0.0)
@@ -242,8 +242,17 @@ def _sqrtm(matrix: Array) -> Array:
 
 def _symmetric(value: ArrayLike, name: str, size: int | None = None) -> Array:
     array = validation.check_array(value, name, (size, size))
-    if array.shape[0] != array.shape[1] or not np.allclose(array, array.T):
+    largest = np.abs(array).max(initial=0)
+    if array.shape[0] != array.shape[1] or np.abs(array - array.T).max() > 1e-8 * largest:
         raise ValueError(f"{name} must be symmetric, got {array.tolist()}")
+    return array
+
+
+def _covariance(value: ArrayLike, name: str, size: int | None = None) -> Array:
+    array = _symmetric(value, name, size)
+    values = np.linalg.eigvalsh(array)
+    if values.min() < -1e-8 * np.abs(values).max():
+        raise ValueError(f"{name} must be positive semi-definite, got {array.tolist()}")
     return array
 
 

@@ -18,6 +18,7 @@ from cotlearn.flows.matching import evaluate
 CONFIDENCE = 0.95  #: level of all intervals
 FEW = 10  #: values, below which a bootstrap interval is too narrow
 STEPS = 64  #: Euler steps of `straightness`
+AT_ONCE = 20_000_000  #: numbers that a metric holds in memory at once
 #: `sample(c, generator=g)` draws one row for each row of c, shape (n, d).
 ConditionalSampler: TypeAlias = Callable[..., Tensor]
 Interval: TypeAlias = tuple[float, float]  #: its ends, low and high
@@ -42,13 +43,16 @@ def squared_w2(a: Tensor, b: Tensor) -> float:
     """
     validation.check_matrix(a, "a")
     validation.check_matrix(b, "b", columns=a.shape[1])
+    validation.check_squares(a=a, b=b)
     cost = squared_distances(a, b)
     n, m = cost.shape
     if n == m:
         return float(cost[np.arange(n), exact_permutation(cost)].mean())
     import ot  # late: it takes two seconds
 
-    return float(ot.emd2(np.full(n, 1 / n), np.full(m, 1 / m), cost, numItermax=10_000_000))
+    scale = float(cost.mean()) or 1.0  # POT's simplex has an absolute tolerance
+    even = np.full(n, 1 / n), np.full(m, 1 / m)
+    return scale * float(ot.emd2(*even, cost / scale, numItermax=10_000_000))
 
 
 def joint_squared_w2(a: Tensor, b: Tensor, c: Tensor) -> float:
@@ -101,7 +105,11 @@ def conditional_squared_w2(
     for row in data.conditions():
         repeated = row.expand(n, -1)
         truth = data.sample_given(repeated, generator=generator)
-        values.append(squared_w2(sample(repeated.clone(), generator=generator), truth))
+        drawn = sample(repeated.clone(), generator=generator)
+        for x, name in ((truth, "data.sample_given(c)"), (drawn, "sample(c)")):
+            validation.check_matrix(x, name)
+            validation.check_same_rows(x, name, repeated, "c")
+        values.append(squared_w2(drawn, truth))
     return float(np.mean(values))
 
 
@@ -167,7 +175,7 @@ def straightness(
         t = torch.tensor(step / STEPS, dtype=x0.dtype, device=x0.device)
         v = evaluate(velocity, t, path[-1], c)
         path.append(path[-1] + 1 / STEPS * v)
-    states = torch.stack(path)
+    states = torch.stack(path).double()  # in single precision the square of 1e20 is infinite
     velocities = (states[1:] - states[:-1]) * STEPS
     return float((velocities - (states[-1] - states[0])).square().sum(dim=2).mean())
 
@@ -206,7 +214,10 @@ def bootstrap_interval(values: ArrayLike, *, seed: int = 0, resamples: int = 10_
     if len(array) < FEW:
         half = student(len(array) - 1) * float(array.std(ddof=1)) / len(array) ** 0.5
         return float(array.mean()) - half, float(array.mean()) + half
-    return _percentiles(rng.choice(array, size=(resamples, len(array))).mean(axis=1))
+    at_once = max(1, AT_ONCE // len(array))
+    parts = [min(at_once, resamples - k) for k in range(0, resamples, at_once)]
+    means = [rng.choice(array, size=(part, len(array))).mean(axis=1) for part in parts]
+    return _percentiles(np.concatenate(means))
 
 
 def student(freedom: int) -> float:
@@ -290,7 +301,10 @@ def energy_scores(samples: Tensor, truth: Tensor) -> Tensor:
     validation.check_matrix(samples.flatten(0, 1), "samples")
     samples = samples.double()  # in single precision the square of 1e19 is infinite
     off = (samples - truth).norm(dim=2).mean(dim=0)
-    among = torch.cdist(samples.transpose(0, 1), samples.transpose(0, 1)).sum(dim=(1, 2))
+    by_row = samples.transpose(0, 1)
+    direct = "donot_use_mm_for_euclid_dist"  # a product loses digits far from 0
+    blocks = by_row.split(max(1, AT_ONCE // m**2))
+    among = torch.cat([torch.cdist(x, x, compute_mode=direct).sum(dim=(1, 2)) for x in blocks])
     return off - among / (m * (m - 1)) / 2
 
 

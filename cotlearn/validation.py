@@ -141,10 +141,12 @@ def _as_floats(value: Tensor, name: str) -> Tensor:
     """Integers or bools as floats, if none of them merge."""
     _check_plain(value, name)
     floats = value.to(torch.get_default_dtype())
-    if not torch.equal(floats.double(), value.double()):
+    if not torch.equal(floats.to(value.dtype), value):  # as integers: float64 rounds them, too
+        largest = int(value.abs().max())
+        most = 2**53  # that float64 holds, with all below
+        way = f"subtract a constant{f', or pass {name}.double()' if largest <= most else ''}"
         raise ValueError(
-            f"{name} has integers up to {int(value.abs().max())}, of which {floats.dtype} "
-            f"would merge some: subtract a constant, or pass {name}.double()"
+            f"{name} has integers up to {largest}, of which {floats.dtype} would merge some: {way}"
         )
     return floats
 
@@ -359,7 +361,12 @@ def check_number(value: Any, name: str, *, minimum: float = 0.0, infinite: bool 
         scalar = None
     if isinstance(scalar, bool) or not isinstance(scalar, int | float):
         raise TypeError(f"{name} must be a number, got {short(value)}")
-    number = float(scalar)
+    try:
+        number = float(scalar)
+    except OverflowError:
+        raise ValueError(
+            f"{name} must be a number that float64 holds, got {short(value)}"
+        ) from None
     if math.isnan(number) or number < minimum or (math.isinf(number) and not infinite):
         also = " (infinity is allowed)" if infinite else " and finite"
         raise ValueError(f"{name} must be at least {minimum:g}{also}, got {number}")

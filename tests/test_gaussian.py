@@ -294,3 +294,16 @@ test_bad_input = refused(
     (lambda: FLOW.velocity(1.5, [[0, 0]], [[0]]), ValueError, r"t must lie in"),
     (lambda: EXAMPLE.sample(0, np.random.default_rng()), ValueError, "n must be at least 1"),
 )
+
+
+@pytest.mark.parametrize(
+    ("matrix", "why"),
+    [
+        (-np.eye(2), "positive semi-definite"),
+        (np.diag([1.0, -1.0]), "positive semi-definite"),
+        (np.array([[1e-9, 5e-9], [0, 1e-9]]), "symmetric"),
+    ],
+)
+def test_what_is_no_covariance_is_refused(matrix, why):
+    with pytest.raises(ValueError, match=f"first must be {why}"):
+        bures_squared(matrix, np.eye(2))

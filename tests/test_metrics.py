@@ -9,6 +9,7 @@ import torch
 from scipy.spatial.distance import cdist
 from support import refused, seeded
 
+from cotlearn import metrics
 from cotlearn.flows import integrate
 from cotlearn.gaussian import LinearGaussian, bures_squared
 from cotlearn.metrics import (
@@ -16,6 +17,7 @@ from cotlearn.metrics import (
     conditional_squared_w2,
     energy_distance,
     energy_score,
+    energy_scores,
     joint_squared_w2,
     l2_uvp,
     mode_entropy,
@@ -290,3 +292,37 @@ test_bad_input = refused(
     (lambda: energy_score(torch.zeros(2, 3, 2), A), ValueError, "samples must have"),
     (lambda: mode_entropy([[0.5, 1.0]]), TypeError, "modes must hold integers, got float64"),
 )
+
+
+@pytest.mark.parametrize("scale", [1e-8, 1e-5, 1e8])
+def test_samples_of_other_sizes_have_the_same_distance_at_any_scale(scale):
+    """The solver's tolerance is absolute: at 1e-8 the distance was twice as large."""
+    a, b = (torch.randn(n, 2, generator=seeded(n)).double() + n / 40 for n in (40, 70))
+    right = squared_w2(a, b)
+    assert squared_w2(scale * a, scale * b) / scale**2 == pytest.approx(right, rel=1e-9)
+
+
+def test_a_sampler_that_ignores_the_number_of_rows_is_refused():
+    data = petals()
+
+    def few(c, generator=None):
+        return data.sample_given(c[:3], generator)
+
+    with pytest.raises(ValueError, match=r"sample\(c\) has 3 rows, c has 50"):
+        conditional_squared_w2(few, data, n=50)
+
+
+def test_the_energy_score_far_from_zero():
+    """From 26 samples on a matrix product lost digits; large ones are taken in blocks."""
+    x, y = (torch.randn(*shape, generator=seeded()).double() for shape in ((30, 50, 3), (50, 3)))
+    right = energy_scores(x, y)
+    torch.testing.assert_close(energy_scores(x + 1e8, y + 1e8), right, rtol=1e-5, atol=1e-5)
+
+
+def test_blocks_change_nothing(monkeypatch):
+    x, y = (torch.randn(*shape, generator=seeded()) for shape in ((4, 50, 3), (50, 3)))
+    before = energy_scores(x, y), bootstrap_interval(y[:, 0])
+    monkeypatch.setattr(metrics, "AT_ONCE", 100)
+    assert torch.equal(energy_scores(x, y), before[0])
+    low, high = bootstrap_interval(y[:, 0])
+    assert (low, high) == pytest.approx(before[1], abs=0.02)

@@ -7,15 +7,25 @@ import pytest
 import torch
 from support import refused, seeded
 
-from cotlearn.couplings import Independent, KMeansCondition, combine
-from cotlearn.datasets import Dataset
+from cotlearn.couplings import (
+    ConditionalOT,
+    EmbeddedClusters,
+    Independent,
+    KMeansCondition,
+    combine,
+)
+from cotlearn.couplings.assignment import exact_permutation
+from cotlearn.datasets import Dataset, Standardiser
+from cotlearn.diagnostics import between_within
 from cotlearn.diagnostics.regression import regression
-from cotlearn.flows import VelocityMLP, fit, integrate
+from cotlearn.flows import VelocityMLP, fit, integrate, sampler
+from cotlearn.report import from_arrays
 from cotlearn.robots.episodes import read
 
 X = torch.randn(6, 2, generator=seeded())
 NET, BARE = VelocityMLP(2, 3, width=8, depth=1, seed=0), VelocityMLP(2, width=8, depth=1, seed=0)
 C = torch.zeros(6, 3)
+MANY = torch.randn(40, 2, generator=seeded())
 
 
 def train(**options):
@@ -71,3 +81,53 @@ def test_a_file_that_is_no_recording_says_which_are_wanted(tmp_path, names):
         return
     with pytest.raises(ValueError, match=r"it holds c, x1. Wanted is an .npz that"):
         read(tmp_path / "ok.npz")
+
+
+def split(groups):
+    between_within(MANY, MANY, groups=groups)
+
+
+MASKED = np.ma.array(range(40), mask=[1, *39 * [0]])
+test_groups = refused(
+    (lambda: split(["a", None] * 20), TypeError, "groups must hold .*strings"),
+    (lambda: split([math.nan] * 40), ValueError, "groups must be finite"),
+    (lambda: split(MASKED), ValueError, "groups has masked values"),
+    (lambda: from_arrays(X, C, group=[math.nan] * 6), ValueError, "group must be finite"),
+)
+test_numbers = refused(
+    (lambda: ConditionalOT(10**400), "condition_weight must be a number that float64 holds"),
+    (
+        lambda: Standardiser.fit(X).inverse(X[:, :1]),
+        r"rows must have shape \(rows, 2\), got \(6, 1\)",
+    ),
+    (lambda: Standardiser.fit(1e200 * X.double()), "whose squares float64 holds"),
+    error=ValueError,
+)
+test_kinds = refused(
+    (lambda: exact_permutation(np.eye(3) + 1j), "cost must hold real numbers"),
+    (lambda: Standardiser.fit(X)(X.numpy()), "rows must be a Tensor, as those of the fit"),
+    error=TypeError,
+)
+
+
+def test_a_squared_weight_may_be_infinite():
+    assert ConditionalOT.from_gamma(1e200) == ConditionalOT(math.inf)
+
+
+def test_an_array_that_runs_backwards():
+    x = np.arange(8.0).reshape(4, 2)
+    assert np.array_equal(Standardiser.fit(x[::-1]).mean, x.mean(axis=0))
+
+
+@pytest.mark.parametrize("kind", [torch.float64, torch.bfloat16])
+def test_noise_has_the_type_of_the_weights(kind):
+    net = VelocityMLP(2, 3, width=8, depth=1, seed=0).to(kind)
+    assert sampler(net, nfe=1)(C.to(kind)).dtype == kind
+
+
+def test_dropout_in_an_encoder_is_refused():
+    """61 % of the labels changed between two calls."""
+    embed = torch.nn.Sequential(torch.nn.Linear(3, 3), torch.nn.Dropout(0.5))
+    with pytest.raises(ValueError, match="embed must be in eval mode"):
+        EmbeddedClusters(embed, KMeansCondition(2))
+    EmbeddedClusters(embed.eval(), KMeansCondition(2))

@@ -20,6 +20,7 @@ Condition = Tensor | Mapping[str, Tensor] | None
 CHECK_AFTER = 100  #: batches, after which `PairedNoise` tests its noise
 KEPT_ROWS = 20_000  #: of noise and condition, for this test
 CELLS = 64  #: of the condition, in this test
+COLUMNS = 256  #: of the noise, in this test: of more, evenly spaced ones
 TOO_SKEWED = 0.05  #: share of the noise's variance that the condition explains, for a warning
 
 
@@ -65,7 +66,7 @@ class PairedNoise:
     """`paired_noise` of many batches, with a warning if the noise depends on the condition.
 
     Such noise is not what a network samples from later. After 100 batches (more if they are small)
-    `skew` is computed; a share above 0.05 gives a warning.
+    `skew` is computed, of at most 256 columns; a share above 0.05 gives a warning.
 
     Args:
         coupling: as in `paired_noise`.
@@ -98,9 +99,11 @@ class PairedNoise:
         """
         if not self._kept:
             raise ValueError("skew needs noise that was paired with a condition: pair a batch")
+        if not (varied := self._varied()).any():
+            raise ValueError("skew needs batches in which some column of the actions varies")
         x0, _, conditions = zip(*self._kept, strict=True)
         noise, c = torch.cat(x0)[:KEPT_ROWS], _together(conditions)[:KEPT_ROWS]
-        return linear_skew(noise[:, self._varied()], c, cells=CELLS)
+        return linear_skew(noise[:, varied], c, cells=CELLS)
 
     def _pair(
         self, actions: Tensor, condition: Condition, is_pad: Tensor | None, noise: Tensor | None
@@ -111,7 +114,14 @@ class PairedNoise:
         if condition is not None and not self._checked:
             if clusters := getattr(self.coupling, "condition", None):
                 condition = clusters(_matrix(condition, "condition", True))
-            self._kept.append((_copied(moved.float()), varies.cpu(), _copied(condition)))
+            some = torch.linspace(0, len(varies) - 1, min(len(varies), COLUMNS)).long()
+            part = moved[:, some.to(moved.device)].float()
+            kept = _copied(part), varies.cpu()[some], _copied(condition)
+            if self._kept and (form := _form(kept[2])) != (first := _form(self._kept[0][2])):
+                raise ValueError(
+                    f"condition must have one form in all batches, {first}; got {form}"
+                )
+            self._kept.append(kept)
             self._check()
         return paired
 
@@ -126,7 +136,10 @@ class PairedNoise:
         rows, columns = sum(len(x0) for x0, *_ in self._kept), int(self._varied().sum())
         if rows < ROWS_FOR_EACH * max(columns, CELLS):
             return
-        self._checked, found = True, self.skew()
+        self._checked = True
+        if not columns:
+            return  # batches of one row, or of equal ones: nothing was chosen
+        found = self.skew()
         _warn_if_constant([condition for *_, condition in self._kept])
         if found.flagged and found.explained > TOO_SKEWED:
             heeds = self.coupling.traits.needs_condition
@@ -183,7 +196,15 @@ def _paired(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """The noise like `actions`, and as a matrix; which of its columns were paired."""
     _check_coupling(coupling)
-    x1 = validation.check_matrix(_rows(actions, "actions"), "actions")
+    x1 = _rows(actions, "actions")
+    if is_pad is not None:
+        wanted = tuple(actions.shape[:2])
+        if not isinstance(is_pad, Tensor) or actions.ndim < 3 or is_pad.shape != wanted:
+            got = validation.short(is_pad)
+            raise ValueError(f"is_pad must be (B, T) for actions (B, T, D), got {got}")
+        x1 = x1.unflatten(1, (*actions.shape[1:2], -1))
+        x1 = x1.masked_fill(is_pad.bool()[:, :, None], 0).flatten(1)
+    validation.check_matrix(x1, "actions")
     validation.check_generator(generator)
     if (worker := get_worker_info()) and generator and generator.initial_seed() != worker.seed:
         generator.manual_seed(worker.seed)  # this process has a copy of it
@@ -193,13 +214,6 @@ def _paired(
     else:
         x0 = _rows(validation.check_shape(noise, "noise", tuple(actions.shape)), "noise")
     x0 = x0.to(x1)
-    if is_pad is not None:
-        wanted = tuple(actions.shape[:2])
-        if not isinstance(is_pad, Tensor) or actions.ndim < 3 or is_pad.shape != wanted:
-            got = validation.short(is_pad)
-            raise ValueError(f"is_pad must be (B, T) for actions (B, T, D), got {got}")
-        x1 = x1.unflatten(1, (*actions.shape[1:2], -1))
-        x1 = x1.masked_fill(is_pad.bool()[:, :, None], 0).flatten(1)
     varies = (x1 != x1[0]).any(dim=0)
     clustered = getattr(coupling, "condition", None) is not None
     c = None if condition is None else _matrix(condition, "condition", clustered)
@@ -230,6 +244,8 @@ def _matrix(value: Any, name: str, clustered: bool) -> Tensor:
     if not isinstance(value, Tensor):
         got = validation.short(value)
         raise TypeError(f"{name} must be a tensor or a dictionary of tensors, got {got}")
+    if value.is_complex():
+        raise TypeError(f"{name} must hold real numbers, got {value.dtype}")
     value = value.detach()
     if value.ndim == 1 and not value.is_floating_point():  # labels: which rows have the same one
         classes = torch.unique(value, return_inverse=True)[1]
@@ -240,7 +256,17 @@ def _matrix(value: Any, name: str, clustered: bool) -> Tensor:
             "pictures.flatten(1)) of fitted EmbeddedClusters, or these as the coupling's condition"
         )
     value = value[:, None] if value.ndim == 1 else value.flatten(1)
+    if not value.is_floating_point():
+        value = validation.check_condition(value, name)  # refuses integers that would merge
     return value if value.dtype == torch.float64 else value.float()
+
+
+def _form(value: Any) -> Any:
+    """What the condition of every batch must share: names, and the shape of a row."""
+    if isinstance(value, Mapping):
+        return {name: _form(part) for name, part in value.items()}
+    labels = value.ndim == 1 and not value.is_floating_point()
+    return "labels (B,)" if labels else f"({', '.join(['B', *map(str, value.shape[1:])])})"
 
 
 def _copied(value: Any) -> Any:

@@ -80,4 +80,9 @@ class AdaptiveConditionalOT(ConditionalOT):
             )
         goal = max(self.target_ratio, lowest)
         found = bisect_left(GRID, True, key=lambda k: ratio(2.0 ** (k / RESOLUTION)) <= goal)
+        if found == len(GRID):
+            raise ValueError(
+                "x1 and c are in units so different that no weight of the search joins them: "
+                "standardise both"
+            )
         return float(2.0 ** (GRID[found] / RESOLUTION))

@@ -166,6 +166,8 @@ def draw_pairs(plan: Array, n: int, rng: np.random.Generator) -> tuple[Index, In
 
 
 def _check_cost(cost: Array) -> Array:
+    if np.iscomplexobj(cost) or np.ma.is_masked(cost):
+        raise TypeError("cost must hold real numbers, none of them masked")
     cost = np.ascontiguousarray(cost, dtype=np.float64)
     if cost.ndim != 2 or cost.shape[0] != cost.shape[1] or cost.size == 0:
         raise ValueError(f"cost must be a non-empty square matrix, got shape {cost.shape}")

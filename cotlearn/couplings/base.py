@@ -87,11 +87,21 @@ class Pairs:
 
     @staticmethod
     def cat(parts: Sequence[Pairs]) -> Pairs:
-        """Concatenate several `Pairs` row by row."""
+        """Concatenate several `Pairs` row by row.
+
+        Raises:
+            ValueError: there are none, or only some of them have conditions, weights or groups.
+        """
         if len(parts) == 1:
             return parts[0]
-        columns = ([getattr(part, f.name) for part in parts] for f in fields(Pairs))
-        return Pairs._trusted(*(None if c[0] is None else torch.cat(c) for c in columns))
+        if not parts:
+            raise ValueError("parts must be at least one Pairs, got none")
+        columns = {f.name: [getattr(part, f.name) for part in parts] for f in fields(Pairs)}
+        for name, values in columns.items():
+            if 0 < sum(value is None for value in values) < len(values):
+                raise ValueError(f"parts must all have {name}, or none of them; some have it")
+        whole = (None if c[0] is None else torch.cat(c) for c in columns.values())
+        return Pairs._trusted(*whole)
 
     @classmethod
     def _trusted(cls, *values: Tensor | None) -> Pairs:

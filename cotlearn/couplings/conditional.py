@@ -29,6 +29,12 @@ from cotlearn.couplings.unheeded import warn_if_one_column_rules, warn_if_unheed
 from cotlearn.couplings.units import OwnUnits
 
 
+def _squared(value: float, name: str) -> float:
+    """The square of a number from 0 to infinity, itself infinite where float64 does not hold it."""
+    number = validation.check_number(value, name, infinite=True)
+    return number * number  # `**` raises an error
+
+
 @dataclass(repr=False)
 class ConditionalOT(Coupling):
     """COT: cost |x0 - x1|^2 + w |c0 - c|^2, where c0 is a random permutation of the batch's c.
@@ -89,12 +95,12 @@ class ConditionalOT(Coupling):
     @classmethod
     def from_gamma(cls, gamma: float, **options: Any) -> ConditionalOT:
         """COT Policy's g (2505.01179): w = gamma^2."""
-        return cls(validation.check_number(gamma, "gamma", infinite=True) ** 2, **options)
+        return cls(_squared(gamma, "gamma"), **options)
 
     @classmethod
     def from_beta(cls, beta: float, **options: Any) -> ConditionalOT:
         """Chemseddine's beta (2403.18705): w = beta^2."""
-        return cls(validation.check_number(beta, "beta", infinite=True) ** 2, **options)
+        return cls(_squared(beta, "beta"), **options)
 
     @classmethod
     def from_epsilon(cls, epsilon: float, **options: Any) -> ConditionalOT:

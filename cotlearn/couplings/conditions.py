@@ -244,6 +244,10 @@ class EmbeddedClusters(Clusters):
 
     def __post_init__(self) -> None:
         validation.check_function(self.embed, "embed", "of c")
+        if _draws(self.embed):
+            raise ValueError(
+                "embed must be in eval mode: its dropout gives other clusters each time"
+            )
         wanted = "clusters such as KMeansCondition()"
         validation.check_has(self.inner, "inner", wanted, "fit", "project")
         validation.check_count(self.rows, "rows")
@@ -278,6 +282,13 @@ class EmbeddedClusters(Clusters):
     def _embedded(self, c: Tensor) -> Tensor:
         with torch.no_grad():
             return validation.check_condition(self.embed(*lent(c)), "embed(c)")
+
+
+def _draws(embed: Any) -> bool:
+    """Whether a network has dropout that is switched on."""
+    parts = embed.modules() if isinstance(embed, torch.nn.Module) else ()
+    kinds = torch.nn.modules.dropout._DropoutNd
+    return any(isinstance(part, kinds) and part.training and part.p > 0 for part in parts)
 
 
 def _k_means(rows: Any, clusters: int, seed: int) -> Any:

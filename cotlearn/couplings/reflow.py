@@ -63,7 +63,7 @@ class FixedPairs(Independent):
     traits = Traits(whole_data=True, solves=False, transformable=False)
 
     def __post_init__(self) -> None:
-        check_matrix(self.x0, "x0")
+        self.x0 = check_matrix(self.x0, "x0").detach().clone()  # a buffer may be refilled
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Pair row i with row i.

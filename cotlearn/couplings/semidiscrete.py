@@ -167,7 +167,7 @@ class SemidiscreteOT(Coupling):
         training use `stream` with the whole data set.
         """
         rows, points = torch.arange(len(x0)), self._points
-        if points is None or not points.are(x1, c):
+        if points is None or not points.are(self, x1, c):
             points = self._fit(x1, c, None, progress=False)
         found = points.search(x0.to(points.x1), rows)
         luck = torch.Generator().manual_seed(int(rng.integers(2**62)))
@@ -176,7 +176,7 @@ class SemidiscreteOT(Coupling):
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """Fit the potential unless it was fitted to these data and this noise."""
         self._check_finite(data)
-        fitted = self._points is not None and self._points.are(data.x1, data.c)
+        fitted = self._points is not None and self._points.are(self, data.x1, data.c)
         if not fitted or self._source not in ((), (source,)):
             self.fit(data.x1, data.c, source=source)
 
@@ -242,6 +242,7 @@ class _Points:
     """The data set in the form that is searched: rows (x1, sqrt(w) c) in float64, by cluster.
 
     Attributes:
+        options: of the coupling, as it prints.
         x1: (N, d), float32, or float64 if it came so.
         c: (N, k), likewise; k = 0 without conditions.
         centre: (d,), subtracted from x1 and noise, which changes no distance; 0 if x1 is near 0.
@@ -252,8 +253,9 @@ class _Points:
 
     def __init__(self, coupling: SemidiscreteOT, x1: Tensor, c: Tensor | None) -> None:
         n, weight = len(x1), coupling.condition_weight
-        self.x1 = _kept(x1)
-        self.c = self.x1[:, :0] if c is None else _kept(check_condition(c))
+        self.options = repr(coupling)
+        self.x1 = _kept(x1).clone()  # whose tensors may be refilled in place
+        self.c = self.x1[:, :0] if c is None else _kept(check_condition(c)).clone()
         mean, deviation = self.x1.double().mean(dim=0), self.x1.double().std(dim=0, unbiased=False)
         self.centre = torch.where(mean.abs() > OFFSET * deviation, mean, 0.0)
         centred = (self.c - self.c.mean(dim=0)).double()
@@ -297,8 +299,10 @@ class _Points:
         place = (torch.rand(len(chosen), generator=rng, dtype=torch.float64) * count[mine]).long()
         return order[first[mine] + place]
 
-    def are(self, x1: Tensor, c: Tensor | None) -> bool:
-        """Whether these are the points of x1 (N, d) and c (N, k)."""
+    def are(self, coupling: SemidiscreteOT, x1: Tensor, c: Tensor | None) -> bool:
+        """Whether these are the points of x1 (N, d) and c (N, k), with these options."""
+        if self.options != repr(coupling):
+            return False
         c = x1[:, :0] if c is None else check_condition(c)
         same = zip((self.x1, self.c), (_kept(x1), _kept(c)), strict=True)
         return all(own.dtype == new.dtype and torch.equal(own, new) for own, new in same)

@@ -92,6 +92,7 @@ class StratifiedOT(Coupling):
             check_count(self.n_samples, "n_samples")
         self._last = self._shown = Last()  # `candidates` reads the second
         self._of_a_stream = self._warned = False
+        self._options = self.residual, repr(self.clusters)
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
         """Pair within the clusters of c; row i of the noise has the cluster of c_i."""
@@ -103,6 +104,8 @@ class StratifiedOT(Coupling):
                 "stream(Dataset(x1, c), batch_size=...), or use ConditionalOT",
                 stacklevel=4,
             )
+        if self._options != (now := (self.residual, repr(self.clusters))):
+            self._options, self._last = now, Last()  # they were changed after a call
         self._shown = self._last
         label, paired = self._last(self._clustered, x1, c)
         target = np.arange(len(x0))
@@ -184,7 +187,7 @@ class StratifiedOT(Coupling):
             label = clusters.labels(c)
         numbers = label.cpu().numpy()
         if not self.residual:
-            return numbers, x1
+            return numbers, x1.clone()  # it is kept, and a buffer may be refilled
         values, conditions = to_numpy(x1), to_numpy(c)
         left = np.empty_like(values)
         for rows in _groups(np.arange(len(c)), numbers):

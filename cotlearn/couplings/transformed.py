@@ -88,7 +88,8 @@ class Transformed(Coupling):
         pairs = super().__call__(x0, x1, c, generator)
         if self.inverse is None or pairs.c is None:
             return pairs
-        return replace(pairs, x0=self._apply("inverse", pairs.x0, check_condition(pairs.c)))
+        noise = self._apply("inverse", pairs.x0, check_condition(pairs.c))
+        return replace(pairs, x0=noise.to(pairs.x0.dtype))
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
         """Match noise and transformed data by the inner coupling."""
@@ -148,7 +149,8 @@ class Transformed(Coupling):
             return values
         before, after = x.double().norm(dim=1), values.double().norm(dim=1)
         worst = float((after - before).abs().max())
-        if worst > 1e-3 * float(before.max()):
+        rounding = torch.finfo(x.dtype).eps
+        if worst > max(1e-3, 4 * rounding) * float(before.max()):
             raise ValueError(
                 f"{name} must keep the length of every row, as rotations do, so that noise stays "
                 f"the prior; a length changed by {worst:.3g}"

@@ -74,6 +74,11 @@ def deployment_gap(
     check_seed(seed)
     check_count(repetitions, "repetitions", minimum=2)
     check_has(coupling, "coupling", "a coupling such as Independent()", "stream")
+    wanted = "data with a condition, as Dataset(x1, c)"
+    if held_out is not None:
+        check_has(held_out, "held_out", wanted, "x1" if hasattr(held_out, "x1") else "sample")
+        if hasattr(held_out, "x1") and getattr(held_out, "c", None) is None:
+            raise TypeError(f"held_out must be {wanted}, got none with c")
     stream = coupling.stream(data, batch_size=n, generator=torch.Generator().manual_seed(seed))
     errors = np.empty((repetitions, 2))
     for number in range(repetitions):

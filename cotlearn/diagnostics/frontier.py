@@ -204,7 +204,7 @@ def _point(draws: Any, test: Dataset, seed: int, **known: Any) -> FrontierPoint:
         one_step_variance=float(variance.mean()),
         one_step_variance_interval=bootstrap_interval(variance, seed=seed, resamples=RESAMPLES),
         one_step_error=float(np.mean([one_step_error(p, test, seed) for p in draws])),
-        transport_cost=float((pairs.x1 - pairs.x0).square().sum(dim=1).mean()),
+        transport_cost=float((pairs.x1.double() - pairs.x0.double()).square().sum(dim=1).mean()),
         linear_skew=skew.linear_skew(*pool) if skew.enough_rows(*pool) else None,
         **known,
     )

@@ -9,17 +9,25 @@ from torch import Tensor
 
 from cotlearn.datasets import Dataset
 from cotlearn.randomness import generator_for
+from cotlearn.validation import check_real
 
 
 def numbered(groups: Any, n: int) -> NDArray[np.intp]:
     """The groups of n rows as numbers from 0 on, (n,); each row is one of its own if None.
 
     Raises:
-        ValueError: groups has not one value for each row.
+        TypeError: groups are not numbers or strings.
+        ValueError: groups has not one value for each row, or one that is NaN.
     """
     if groups is None:
         return np.arange(n)
-    found = np.asarray(groups)
+    found = check_real(groups, "groups", "fiubUSOV")  # V: bytes of rows, by `from_arrays`
+    if found.dtype.kind == "O":
+        if not all(isinstance(value, str) for value in found.flat):
+            raise TypeError("groups must hold numbers or strings, got other objects")
+        found = found.astype(str)
+    if found.dtype.kind == "f" and not np.isfinite(found).all():
+        raise ValueError("groups must be finite, got NaN or infinity")
     if found.shape != (n,):
         raise ValueError(f"groups must have one value for each of {n} rows, got {found.shape}")
     _, first, number = np.unique(found, return_index=True, return_inverse=True)

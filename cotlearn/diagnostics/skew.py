@@ -87,6 +87,7 @@ def check_conditioned(x: Tensor, name: str, c: Tensor) -> Tensor:
     validation.check_matrix(x, name)
     c = validation.check_condition(c)
     validation.check_same_rows(c, "c", x, name)
+    validation.check_squares(**{name: x, "c": c})
     return c
 
 

@@ -8,6 +8,7 @@ import torch
 from torch import nn
 
 from cotlearn.couplings.base import Sampler, Source, draw_rows
+from cotlearn.datasets import Dataset
 from cotlearn.storage import digest
 from cotlearn.validation import check_function
 
@@ -18,11 +19,14 @@ COMPILED = "_orig_mod."  #: what `torch.compile` adds to the names of a state
 def fingerprint(network: nn.Module, data: Sampler, source: Source | None) -> dict[str, str]:
     """Digests of the initial weights, the data and the source of noise, by name.
 
-    Data without rows `x1` and a source are known by the rows that they draw from a fixed seed.
+    A source, and data that draw in a way of their own, are known by what they draw from a fixed
+    seed.
     """
-    rows = getattr(data, "x1", None), getattr(data, "c", None)
-    if rows[0] is None:
-        rows = draw_rows(data, ROWS, torch.Generator().manual_seed(0))
+    rows: tuple[Any, ...] = getattr(data, "x1", None), getattr(data, "c", None)
+    drawn: tuple[Any, ...] = ()
+    if rows[0] is None or getattr(type(data), "sample", None) is not Dataset.sample:
+        drawn = draw_rows(data, ROWS, torch.Generator().manual_seed(0))
+    rows = drawn if rows[0] is None else (*rows, *drawn)
     noise = None
     if source is not None:
         check_function(source, "source", "(n, generator) -> x0")

@@ -181,7 +181,14 @@ def sampler(velocity: Velocity, *, nfe: int, dim: int | None = None) -> Callable
 
     def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         validation.check_generator(generator)
-        noise = torch.randn(len(validation.check_condition(c)), size, generator=generator)
+        shape = len(validation.check_condition(c)), size
+        noise = torch.randn(shape, dtype=_dtype_of(velocity), generator=generator)
         return integrate(velocity, noise.to(c.device), c, nfe=nfe).x1
 
     return sample
+
+
+def _dtype_of(velocity: Velocity) -> torch.dtype:
+    """The type of a network's weights; torch's default for a plain function."""
+    weights = velocity.parameters() if isinstance(velocity, torch.nn.Module) else ()
+    return next((w.dtype for w in weights if w.is_floating_point()), torch.get_default_dtype())

@@ -68,7 +68,8 @@ def fit(
 
     `network` itself is not changed, so several couplings can start from the same weights. All
     randomness derives from (seed, step): on one machine the same call gives the same result,
-    interrupted or not. A background thread prepares pairs while the network trains, if a core is
+    interrupted or not; with dropout only while no other thread trains, because layers draw from
+    torch's one generator. A background thread prepares pairs while the network trains, if a core is
     free (torch uses fewer threads than there are cores, or trains on a GPU) and the coupling does
     not use the network.
 

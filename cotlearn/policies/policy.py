@@ -87,7 +87,9 @@ class ChunkPolicy:
         """
         validation.check_generator(generator)
         rows = validation.check_count(n, "n")
-        return torch.randn(self.sampler.draws, rows, self.windows.dim, generator=generator)
+        shape = self.sampler.draws, rows, self.windows.dim
+        weights = next(self.network.parameters()).dtype
+        return torch.randn(shape, dtype=weights, generator=generator)
 
     @torch.no_grad()
     def draw(self, noise: Tensor, c: Tensor) -> Tensor:
@@ -155,6 +157,7 @@ class ChunkPolicy:
 
         Raises:
             TypeError: the network is of a kind that `load` does not know.
+            ValueError: half, and a weight is too large for 16 bits.
         """
         kind = type(self.network).__name__
         if kind not in _NETWORKS:
@@ -163,6 +166,8 @@ class ChunkPolicy:
         tensors |= self.network.state_dict()
         if half:
             tensors = {n: v.half() if v.is_floating_point() else v for n, v in tensors.items()}
+            if lost := [n for n, v in tensors.items() if v.isinf().any()]:
+                raise ValueError(f"half must be False: {lost[0]} exceeds 65504, its largest number")
         record = {
             "policy": {
                 "network": {"kind": kind, **cast(Any, self.network).sizes},

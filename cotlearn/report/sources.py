@@ -123,6 +123,8 @@ def from_arrays(
     k, equal = data.condition_dim, _equal_rows(torch.hstack([values, given]))
     words = counted(k, "label") if labels else f"conditions of {counted(k, 'number')}"
     together = equal if group is None else _numbers_or_strings(group, "group")
+    if together.dtype.kind == "f" and not np.isfinite(together).all():
+        raise ValueError("group must be finite, got NaN or infinity")
     if together.shape != (len(data),):
         raise ValueError(f"group must have shape ({len(data)},), got {together.shape}")
     if group is not None:

@@ -321,3 +321,45 @@ def test_a_class_or_a_name_is_no_coupling(coupling):
     for call in (lambda: paired_noise(coupling, chunks()), lambda: PairedNoise(coupling)):
         with pytest.raises(TypeError, match="coupling must be a coupling such as ConditionalOT"):
             call()
+
+
+def test_a_training_on_pictures_is_tested_by_some_of_their_columns():
+    """From 4,000 numbers on the test raised an error, after minutes."""
+    paired, labels = PairedNoise(Independent()), torch.arange(32) % 4
+    for seed in range(101):
+        paired(chunks(32, 40, 103, seed=seed), labels)
+    assert abs(paired.skew().explained) < 0.05
+
+
+@pytest.mark.filterwarnings("error")
+def test_batches_in_which_nothing_varies_are_not_tested():
+    paired = PairedNoise(ConditionalOT())
+    for seed in range(400):
+        paired(chunks(1, seed=seed), torch.tensor([seed % 4]))
+    with pytest.raises(ValueError, match="some column of the actions varies"):
+        paired.skew()
+
+
+def test_a_condition_that_changes_its_form_is_refused_at_once():
+    """It was found a hundred batches later, as an error of `torch.cat`."""
+    paired, labels = PairedNoise(ConditionalOT()), torch.arange(24) % 4
+    paired(chunks(), labels)
+    with pytest.raises(ValueError, match=r"one form in all batches, labels \(B,\); got \(B, 4\)"):
+        paired(chunks(), torch.eye(4)[labels])
+
+
+def test_what_is_padded_may_be_anything():
+    actions, is_pad = chunks(), torch.zeros(24, 4, dtype=torch.bool)
+    is_pad[:, 3] = True
+    actions[:, 3] = torch.nan
+    assert (
+        paired_noise(ConditionalOT(), actions, is_pad=is_pad, condition=chunks()[:, 0])
+        .isfinite()
+        .all()
+    )
+
+
+@pytest.mark.parametrize("c", [2**40 + torch.arange(24)[:, None] % 4, chunks()[:, 0] + 1j])
+def test_conditions_that_would_merge_are_refused(c):
+    with pytest.raises((TypeError, ValueError), match=r"condition (has integers|must hold real)"):
+        paired_noise(WITHIN, chunks(), c)

@@ -631,3 +631,23 @@ def test_pairs_are_printed_in_a_line():
     pairs = Independent()(torch.randn(9, 2), torch.randn(9, 2), torch.randn(9, 3))
     shown = "x0 (9, 2), x1 (9, 2), c (9, 3), source_index (9,), target_index (9,)"
     assert repr(pairs) == f"Pairs({shown})"
+
+
+def test_pairs_of_different_kinds_are_not_joined():
+    """Weights and conditions of the later parts were dropped."""
+    rows, x = torch.arange(4), torch.randn(4, 2, generator=seeded())
+    plain = Pairs(x, x, None, rows, rows)
+    for other in (Pairs(x, x, x, rows, rows), Pairs(x, x, None, rows, rows, weight=torch.ones(4))):
+        for parts in ([plain, other], [other, plain]):
+            with pytest.raises(ValueError, match=r"parts must all have (c|weight), or none"):
+                Pairs.cat(parts)
+    with pytest.raises(ValueError, match="at least one Pairs, got none"):
+        Pairs.cat([])
+
+
+@pytest.mark.parametrize("largest", [2**25, 2**60])
+def test_integers_that_would_merge_are_refused(largest):
+    """Above 2^53 they had merged on both sides of the comparison."""
+    c = largest + torch.arange(64)[:, None] % 4
+    with pytest.raises(ValueError, match="would merge some"):
+        Dataset(torch.randn(64, 2, generator=seeded()), c)

@@ -104,3 +104,10 @@ def test_fixed_pairs_take_no_other_noise():
     for noise in (-z, z[:4]):
         with pytest.raises(ValueError, match="x0 must be the noise of these FixedPairs"):
             FixedPairs(z)(noise, x1[: len(noise)], c[: len(noise)])
+
+
+def test_fixed_pairs_keep_their_noise_when_a_buffer_is_refilled():
+    x0, x1 = torch.randn(8, 2, generator=seeded()), torch.randn(8, 2, generator=seeded(1))
+    coupling, before = FixedPairs(x0), x0.clone()
+    x0.zero_()
+    assert torch.equal(coupling(before, x1).x0, before)

@@ -361,3 +361,24 @@ def test_equal_data_rows_keep_all_their_conditions():
     used = torch.bincount(pairs.target_index, minlength=128).reshape(2, 64)
     assert (used > 0).all()
     assert 0.45 < pairs.c.mean() < 0.55
+
+
+def test_data_that_were_refilled_are_fitted_again():
+    """The coupling compared the tensor with itself, and paired by the potential of other data."""
+    x0, x1 = (torch.randn(128, 2, generator=seeded(k)) for k in (0, 1))
+    coupling = SemidiscreteOT().fit(x1, progress=False)
+    x1.mul_(5).add_(3)
+    found = coupling(x0, x1, generator=seeded())
+    fresh = SemidiscreteOT()(x0, x1, generator=seeded())
+    assert torch.equal(found.target_index, fresh.target_index)
+    assert not torch.equal(coupling.state_dict()["x1"], 0 * x1)
+
+
+def test_an_option_that_changes_after_the_fit_counts():
+    x0, x1 = (torch.randn(64, 2, generator=seeded(k)) for k in (0, 1))
+    c = torch.randn(64, 1, generator=seeded(2))
+    coupling = SemidiscreteOT()
+    coupling(x0, x1, c, generator=seeded())
+    coupling.condition_weight = 100.0
+    found, fresh = (k(x0, x1, c, seeded()) for k in (coupling, SemidiscreteOT(100.0)))
+    assert torch.equal(found.target_index, fresh.target_index)

@@ -420,3 +420,26 @@ def test_few_rows_of_numbers_are_said_to_be_paired_at_random(rows):
     x1, c = (torch.randn(rows, 2, generator=seeded(k)) for k in (0, 1))
     with pytest.warns(UserWarning, match=rf"paired at random; .* StratifiedOT\({rows // 64}\)"):
         next(StratifiedOT().stream(Dataset(x1, c), batch_size=64, generator=seeded()))
+
+
+@pytest.mark.filterwarnings("ignore:StratifiedOT was called")
+def test_a_refilled_buffer_does_not_change_what_was_kept():
+    """x1 was kept beside the digest of its former content."""
+    x0, x1 = (torch.randn(256, 2, generator=seeded(k)) for k in (0, 1))
+    c, same, coupling = torch.eye(2)[torch.arange(256) % 2], x1.clone(), StratifiedOT()
+    before = coupling(x0, x1, c, generator=seeded())
+    x1.normal_()
+    after = coupling(x0, same, c, generator=seeded())
+    assert torch.equal(before.target_index, after.target_index)
+
+
+@pytest.mark.filterwarnings("ignore:StratifiedOT was called")
+def test_an_option_that_changes_after_a_call_counts():
+    x0, x1 = (torch.randn(256, 2, generator=seeded(k)) for k in (0, 1))
+    c = torch.randn(256, 1, generator=seeded(2))
+    x1[:, :1] += 3 * c
+    coupling = StratifiedOT(4)
+    coupling(x0, x1, c, generator=seeded())
+    coupling.residual = True
+    found, fresh = (k(x0, x1, c, seeded()) for k in (coupling, StratifiedOT(4, residual=True)))
+    assert torch.equal(found.target_index, fresh.target_index)

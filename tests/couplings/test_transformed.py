@@ -266,3 +266,12 @@ def test_a_mean_network_that_is_trained_on_counts_at_once(rows):
         net.weight.add_(0.1)
     pair(x0, x1, c)
     assert torch.equal(seen[1], x1 - net(c).detach())
+
+
+@pytest.mark.parametrize("kind", [torch.float32, torch.bfloat16])
+def test_noise_keeps_its_type(kind):
+    """A condition in double precision made the noise double."""
+    x = torch.randn(64, 2, generator=seeded()).to(kind)
+    c = torch.randn(64, 1, generator=seeded(1)).sign().double()
+    mirror = Transformed(MinibatchOT(), lambda x, c: x * c, lambda x, c: x * c)
+    assert mirror(x, x, c).x0.dtype == kind

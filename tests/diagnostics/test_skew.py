@@ -8,7 +8,7 @@ import torch
 from support import joined, refused, seeded, take
 
 from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT
-from cotlearn.diagnostics import prior_skew, skew
+from cotlearn.diagnostics import linear_skew, prior_skew, skew
 from cotlearn.diagnostics.skew import unit_variance
 from cotlearn.mixtures import fork, moons, moving_modes, petals, rotating_pair
 
@@ -116,3 +116,11 @@ test_bad_input = refused(
     ({"c": torch.full((200, 2), math.inf)}, ValueError, "c has NaN or infinite"),
     of=lambda **options: prior_skew(**(GIVEN | options)),
 )
+
+
+def test_values_whose_squares_overflow_are_refused():
+    """At 1e160 a condition that is the noise itself was not flagged."""
+    x = torch.randn(200, 2, generator=seeded()).double()
+    for test in (prior_skew, linear_skew):
+        with pytest.raises(ValueError, match="whose squares float64 holds; c has values up to"):
+            test(x, 1e160 * x)

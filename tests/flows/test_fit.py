@@ -625,3 +625,22 @@ def test_what_a_coupling_prepares_does_not_count_for_a_step(monkeypatch):
     began = time.time()
     fit(VelocityMLP(2, 4, width=8), petals(), Slow(), steps=1, batch_size=8, progress=True)
     assert bars[0].start_t - began > 0.29
+
+
+def test_data_that_draw_in_a_way_of_their_own_are_other_data(tmp_path):
+    """Their rows were compared, and not which of them are drawn."""
+
+    class Weighted(Dataset):
+        def sample(self, n, generator=None):
+            return self.x1[torch.multinomial(weights, n, True, generator=generator)], None
+
+    data, network = (
+        Weighted(torch.randn(64, 2, generator=seeded())),
+        VelocityMLP(2, width=8, depth=1),
+    )
+    options = {"steps": 2, "batch_size": 8, "checkpoint": tmp_path / "a.safetensors"}
+    weights = torch.ones(64)
+    fit(network, data, Independent(), **options)
+    weights = torch.eye(64)[3]
+    with pytest.raises(ValueError, match="rows of data was"):
+        fit(network, data, Independent(), **options)

@@ -95,6 +95,8 @@ def read_frames(path: str | Path) -> tuple[dict[str, NDArray[Any]], NDArray[np.i
         raise ValueError(f"{path} has no column {', '.join(missing)}; it has {names}")
     with reading(path, "holds a file that is not a parquet file"):
         table = frames.read(columns=[*lists, EPISODE, FRAME])
+    if not len(table):
+        raise ValueError(f"{path} has no frames: its tables have no rows")
     columns = {name: table[name].to_numpy() for name in (EPISODE, FRAME)}
     for name, values in columns.items():
         if values.dtype.kind not in "iu":  # with gaps, numbers become floating point
