@@ -195,8 +195,7 @@ def _choose(
         return independent, False, facts
     reason = facts + (
         f"Use {best.name}: the same network scores {best.one_step_score:.3g}, better by "
-        f"{gain:.3g} (standard error {error:.2g}), with no significant skew ({best.skew:.3f}) and "
-        f"about {best.candidates:.0f} candidates for each noise row. "
+        f"{gain:.3g} (standard error {error:.2g}), with no significant skew ({best.skew:.3f}). "
     )
     gains = {p.name: gain_over(best, p) for p in clean if p is not best}
     close = [name for name, (gain, error) in gains.items() if gain <= sure * error]

@@ -79,12 +79,12 @@ def told(x0, x1, c):
     return noise * x0.shape[1], data
 
 
-def diagnosis(least=0.1, share=0.9, columns=True):
+def diagnosis(factor=1.0, share=0.9, columns=True):
     """The rule with other thresholds, or with the share of the noise's variance."""
 
-    def answer(x0, x1, c, plain):
+    def answer(x0, x1, c, plain, most):
         noise, data = told(x0, x1, c)
-        skewed, lost = (noise if columns else noise / 4) > least, data < share * plain
+        skewed, lost = (noise if columns else noise / 4) > factor * most, data < share * plain
         return {(1, 1): "both", (1, 0): "skew", (0, 1): "labels"}.get((skewed, lost), "nothing")
 
     return answer
@@ -131,7 +131,7 @@ MISTAKES = [
     ("12.own_data", lambda: "flower.npz", "return two arrays"),
     ("12.own_data", measured(), "expected a function"),
     ("12.diagnosis", diagnosis(columns=False), "'skew'"),
-    ("12.diagnosis", diagnosis(0.01), "'nothing'"),
+    ("12.diagnosis", diagnosis(0.1), "'nothing'"),
     ("12.diagnosis", diagnosis(share=0.2), "'labels'"),
     ("12.diagnosis", lambda *given: "skew", "'nothing'"),
     ("12.diagnosis", lambda *given: "nothing", "'skew'"),
@@ -151,7 +151,7 @@ RIGHT = [
     ("12.own_data", measured),
     ("12.own_data", lambda: (measured()[0], np.resize(["a", "b"], 200))),
     ("12.diagnosis", diagnosis()),
-    ("12.diagnosis", diagnosis(0.12, 0.85)),
+    ("12.diagnosis", diagnosis(1.05, 0.85)),
     ("12.kept", kept),
     ("12.kept", lambda *given: np.float64(kept(*given))),
 ]
