@@ -1,3 +1,4 @@
+import copy
 import time
 from dataclasses import replace
 
@@ -209,3 +210,26 @@ def test_foreign_weights(windows, network, tmp_path):
         ChunkPolicy.load(path)
     with pytest.raises(TypeError, match="MeanVelocity to save it, got VelocityMLP"):
         ChunkPolicy(VelocityMLP(32, 12), windows, FlowSampler()).save(tmp_path / "x.safetensors")
+
+
+def test_weights_too_large_for_half_precision_are_not_stored(windows, network, tmp_path):
+    """They were infinite in the file, and loaded without a word."""
+    large = copy.deepcopy(network)
+    with torch.no_grad():
+        large.first.weight.mul_(1e6)
+    policy = ChunkPolicy(large, windows, FlowSampler(1))
+    with pytest.raises(ValueError, match=r"half must be False: first\.weight exceeds 65504"):
+        policy.save(tmp_path / "policy.safetensors", half=True)
+    policy.save(tmp_path / "policy.safetensors")
+
+
+def test_a_policy_acts_whatever_torch_s_default_type(windows, network, history):
+    policy = ChunkPolicy(network, windows, FlowSampler(1))
+    torch.set_default_dtype(torch.float64)
+    try:
+        found = policy.act(history, generator=torch.Generator().manual_seed(0))
+    finally:
+        torch.set_default_dtype(torch.float32)
+    right = policy.act(history, generator=torch.Generator().manual_seed(0))
+    assert np.isfinite(found).all()
+    assert found.shape == right.shape
