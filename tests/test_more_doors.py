@@ -16,9 +16,11 @@ from cotlearn.couplings import (
 )
 from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.datasets import Dataset, Standardiser
-from cotlearn.diagnostics import between_within
+from cotlearn.diagnostics import between_within, linear_skew
 from cotlearn.diagnostics.regression import regression
 from cotlearn.flows import VelocityMLP, fit, integrate, sampler
+from cotlearn.flows.matching import flow_matching_step
+from cotlearn.potentials import ICNN, invert
 from cotlearn.report import from_arrays
 from cotlearn.robots.episodes import read
 
@@ -100,10 +102,14 @@ test_numbers = refused(
         lambda: Standardiser.fit(X).inverse(X[:, :1]),
         r"rows must have shape \(rows, 2\), got \(6, 1\)",
     ),
+    (lambda: combine({"a": X}, {1: 2.0, "z": 3.0}), r"weights has unknown names \[1, 'z'\]"),
     (lambda: Standardiser.fit(1e200 * X.double()), "whose squares float64 holds"),
     error=ValueError,
 )
 test_kinds = refused(
+    (lambda: invert(ICNN(2).half(), X.half()), "y must have 32 or 64 bits, got torch.float16"),
+    (lambda: flow_matching_step(BARE, Independent()(X, X), np.random.default_rng()), "generator"),
+    (lambda: linear_skew(MANY, MANY, degree=np.array([1, 2])), "degree must be an integer"),
     (lambda: exact_permutation(np.eye(3) + 1j), "cost must hold real numbers"),
     (lambda: Standardiser.fit(X)(X.numpy()), "rows must be a Tensor, as those of the fit"),
     error=TypeError,

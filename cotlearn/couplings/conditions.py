@@ -50,9 +50,10 @@ def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | Non
     if not conditions:
         raise ValueError("conditions is empty: give at least one named condition")
     weights = {} if weights is None else weights
-    unknown = sorted(set(weights) - set(conditions))
+    unknown = sorted(set(weights) - set(conditions), key=str)
     if unknown:
-        raise ValueError(f"weights has unknown names {unknown}, expected {sorted(conditions)}")
+        known = sorted(conditions, key=str)
+        raise ValueError(f"weights has unknown names {unknown}, expected {known}")
     parts: list[Tensor] = []
     first_name, first = next(iter(conditions.items()))
     for name, c in conditions.items():

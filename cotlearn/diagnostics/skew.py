@@ -153,8 +153,7 @@ def linear_skew(x0: Tensor, c: Tensor, *, degree: int = 1, cells: int | None = N
             not finite.
     """
     c = check_conditioned(x0, "x0", c)
-    if degree not in (1, 2):
-        raise ValueError(f"degree must be 1 or 2, got {degree!r}")
+    validation.check_count(degree, "degree", most=2)
     if cells is None:
         from sklearn.preprocessing import PolynomialFeatures  # late: it takes a second
 

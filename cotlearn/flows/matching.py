@@ -8,7 +8,14 @@ import torch
 from torch import Tensor
 
 from cotlearn.couplings.base import Pairs, lent
-from cotlearn.validation import check_choice, check_function, check_number, check_shape, check_share
+from cotlearn.validation import (
+    check_choice,
+    check_function,
+    check_generator,
+    check_number,
+    check_shape,
+    check_share,
+)
 
 Time: TypeAlias = Tensor | float  #: the time of all rows, or of each, (B,)
 #: A velocity field: (t, x, c) -> (B, d), with t a number or of shape (B,).
@@ -49,6 +56,7 @@ def flow_matching_step(
         pairs: a batch of any coupling.
         generator: draws the times on the CPU; torch's global one if None.
     """
+    check_generator(generator)
     return weighted_mean(conditional_flow_matching_loss(network, pairs, generator), pairs)
 
 

@@ -15,7 +15,7 @@ from cotlearn.robots.task import Array, Frame, Task
 from cotlearn.validation import check_array, check_choice, check_count
 
 LABELS = ("action", "intention")
-LONGEST = 10_000  #: steps of a chunk; a policy's file could name any
+LONGEST = 10_000  #: steps of a history or a chunk; a policy's file could name any
 _RANGES = ("observation_range", "action_range")
 
 
@@ -32,7 +32,7 @@ class Windows:
         frame: a key of `task.frames`.
         observation_range: (2, F), the values of each feature that become -1 and 1.
         action_range: (2, A), the values of each coordinate that become -1 and 1.
-        observe: number of observed steps, the current one last.
+        observe: number of observed steps, the current one last; at most 10,000.
         predict: number of steps in a chunk, the current one first; at most 10,000.
         knots: number of predicted points per chunk, evenly spaced in time and ending with the last
             action; a clamped cubic spline (at rest at both ends) fills in the other steps. If None,
@@ -53,7 +53,7 @@ class Windows:
     open_loop: bool = False
 
     def __post_init__(self) -> None:
-        check_count(self.observe, "observe")
+        check_count(self.observe, "observe", most=LONGEST)
         check_count(self.predict, "predict", most=LONGEST)
         check_choice(self.frame, "frame", tuple(self.task.frames))
         widths = self._frame.features, len(self.task.action)

@@ -61,6 +61,8 @@ def invert(
         InversionWarning: some rows did not converge.
     """
     check_has(potential, "potential", "a ConvexPotential", "given")
+    if getattr(y, "dtype", None) in (torch.float16, torch.bfloat16):
+        raise TypeError(f"y must have 32 or 64 bits, got {y.dtype}: invert in single precision")
     c = check_inputs(potential, y, c, "y")
     with torch.no_grad():
         return solve(potential.given(c), y.detach(), check_times(t, y))

@@ -28,6 +28,7 @@ from cotlearn.validation import (
 )
 
 MOST_LABELS = 64  #: distinct values of a vector of labels
+MOST_STEPS = 10_000  #: of a window
 FEW = 20  #: distinct whole values of a column that may be labels
 NAMED = 5  #: columns that a note names
 EXPECTED = "an .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr"
@@ -147,8 +148,8 @@ def from_episodes(
         state: (N, s), one row per step.
         action: (N, a), the action taken in each state.
         ends: (E,), exclusive end of each episode.
-        observe: number of states in c.
-        predict: number of actions in x1.
+        observe: number of states in c, at most 10,000.
+        predict: number of actions in x1, at most 10,000.
         name: name of the data.
     """
     seen, done = _numbers(state, "state"), _numbers(action, "action")
@@ -157,8 +158,8 @@ def from_episodes(
     rising = last.ndim == 1 and last.dtype.kind in "iu" and len(last) > 0
     if not rising or last[-1] != len(seen) or (np.diff(last.astype(int), prepend=0) < 1).any():
         raise ValueError(f"ends must rise to the number of rows {len(seen)}, got {last}")
-    check_count(observe, "observe")
-    check_count(predict, "predict")
+    check_count(observe, "observe", most=MOST_STEPS)
+    check_count(predict, "predict", most=MOST_STEPS)
     step = np.arange(len(seen))
     before, after, episode = window_rows(step, last, observe, predict)
     rows = from_arrays(done[after], seen[before], group=episode, name=name)

@@ -115,7 +115,7 @@ def test_a_constant_condition_explains_nothing():
 X0, C = normal(40, 4), normal(40, 9)
 test_bad_input = refused(
     ({}, "at least 45 rows for 4 columns of noise and 9 features"),
-    ({"degree": 3}, "degree must be 1 or 2, got 3"),
+    ({"degree": 3}, "degree must be at most 2, got 3"),
     ({"cells": 1}, "cells must be"),
     ({"cells": 20}, r"at least 95 rows for 4 columns .* 19 features"),
     ({"c": C[:39]}, "c has 39 rows"),
