@@ -126,6 +126,9 @@ def install(*what: str) -> None:
             return
         if uv:
             print("uv could not; pip tries now, which takes some minutes ...", flush=True)
+        if "UV_TORCH_BACKEND" in os.environ:
+            print("pip does not know UV_TORCH_BACKEND: it takes PyTorch's usual build,", end=" ")
+            print("several GB on Linux (Ctrl-C stops it)", flush=True)
         if run(PYTHON, "-m", "pip", "install", *what, *options) == 0:
             return
     finally:

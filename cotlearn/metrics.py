@@ -1,6 +1,7 @@
 """Metrics: distances between samples, straightness of paths, confidence intervals."""
 
 import functools
+import warnings
 from collections.abc import Callable
 from typing import Protocol, TypeAlias
 
@@ -88,21 +89,33 @@ def conditional_squared_w2(
     """Squared W2 between n samples and n fresh samples of p(x | c), averaged over conditions.
 
     Two finite samples of the same law differ, so even perfect samples do not reach 0. Report the
-    floor, `conditional_squared_w2(data.sample_given, data, ...)`, beside the value.
+    floor, `conditional_squared_w2(data.sample_given, data, ...)`, beside the value. Data of stored
+    rows need 2n rows of each condition: else the two samples of the floor share rows, which makes
+    it too low, and of fewer than n rows no value means much.
 
     Args:
         sample: sample(c, generator=g) draws one row for each row of c.
         data: has `sample_given` and `conditions`.
         n: samples for each condition.
         generator: randomness of both samples.
+
+    Warns (RuntimeWarning) if stored rows of a condition are fewer than 2n.
     """
     validation.check_function(sample, "sample", "(c, generator) -> x")
     validation.check_generator(generator)
     validation.check_count(n, "n")
     check = validation.check_has
     check(data, "data", "data with conditions, as Dataset(x1, c)", "conditions", "sample_given")
-    values = []
+    stored, values = getattr(data, "c", None), []
     for row in data.conditions():
+        if isinstance(stored, Tensor) and (rows := int((stored == row).all(dim=1).sum())) < 2 * n:
+            warnings.warn(
+                f"data has {rows} rows of condition {validation.short(row.tolist())}, fewer than "
+                f"twice n = {n}: their floor is too low; take a smaller n, or data with a law",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+            stored = None  # once
         repeated = row.expand(n, -1)
         truth = data.sample_given(repeated, generator=generator)
         drawn = sample(repeated.clone(), generator=generator)

@@ -73,7 +73,7 @@ def slides_of(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
 
     for cell in notebook.cells:
         if cell.cell_type == "markdown":
-            for part in PART.findall(cell.source):
+            for part in together(PART.findall(cell.source)):
                 if part.startswith("<details"):
                     filled = ROOM  # what follows a solution has a slide of its own
                     continue
@@ -99,6 +99,22 @@ def slides_of(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
     return nbformat.v4.new_notebook(cells=cells, metadata=notebook.metadata)
 
 
+def together(parts: list[str]) -> list[str]:
+    """Join the items of a list, and the sentence before them, if they fit on one slide."""
+    joined: list[str] = []
+    for part in parts:
+        last = joined[-1] if joined else ""
+        whole = last + ("\n" if ITEM.match(last.split("\n")[-1]) else "\n\n") + part
+        plain = (
+            last and not last.startswith(("#", "|", "$$", "```", "<")) and not FIGURE.match(last)
+        )
+        if ITEM.match(part) and plain and lines_of(whole) <= ROOM:
+            joined[-1] = whole
+        else:
+            joined.append(part)
+    return joined
+
+
 def kind_of(part: str) -> str:
     """Return what a part of a text starts, in nbconvert's words."""
     if part.startswith(("# ", "## ")):
@@ -117,6 +133,8 @@ def lines_of(part: str) -> float:
     text = re.sub(r"\]\([^)]*\)", "", part)  # the addresses of links
     if part.startswith("|"):
         return sum(1.2 * math.ceil(len(row) / WIDE) for row in text.splitlines())
+    if len(rows := text.splitlines()) > 1 and any(map(ITEM.match, rows)):  # a list
+        return sum(lines_of(row) for row in rows if row)
     return math.ceil(len(text) / WIDE) + (0.3 if ITEM.match(part) else 0.8)
 
 

@@ -120,6 +120,14 @@ def test_uv_installs_or_else_pip(script, monkeypatch):
     assert commands[2][-2:] == ("--constraint", "constraints.txt")
 
 
+def test_it_is_said_that_pip_does_not_know_what_uv_was_asked(script, monkeypatch, capsys):
+    monkeypatch.setenv("UV_TORCH_BACKEND", "cpu")
+    monkeypatch.setattr(script, "run", lambda *words: int("uv" in str(words[0])))
+    monkeypatch.setattr(script.shutil, "which", lambda name, path=None: "/bin/uv")
+    script.install("numpy")
+    assert "pip does not know UV_TORCH_BACKEND" in capsys.readouterr().out
+
+
 def test_an_unsupported_python_looks_for_another(script, monkeypatch):
     monkeypatch.setattr(script.sys, "version_info", (3, 14))
     monkeypatch.setattr(script.shutil, "which", lambda name: None)

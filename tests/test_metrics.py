@@ -10,6 +10,7 @@ from scipy.spatial.distance import cdist
 from support import refused, seeded
 
 from cotlearn import metrics
+from cotlearn.datasets import Dataset
 from cotlearn.flows import integrate
 from cotlearn.gaussian import LinearGaussian, bures_squared
 from cotlearn.metrics import (
@@ -326,3 +327,12 @@ def test_blocks_change_nothing(monkeypatch):
     assert torch.equal(energy_scores(x, y), before[0])
     low, high = bootstrap_interval(y[:, 0])
     assert (low, high) == pytest.approx(before[1], abs=0.02)
+
+
+def test_the_floor_of_stored_rows_needs_twice_as_many(recwarn):
+    """Both samples of the floor were largely the same rows."""
+    data = Dataset(*petals().sample(1000, seeded()))
+    metrics.conditional_squared_w2(data.sample_given, data, n=100)
+    assert not recwarn.list
+    with pytest.warns(RuntimeWarning, match="fewer than twice n = 250: their floor is too low"):
+        metrics.conditional_squared_w2(data.sample_given, data, n=250)

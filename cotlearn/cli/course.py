@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import importlib.util
 import os
 import re
@@ -66,6 +67,11 @@ def lab(
     """
     if importlib.util.find_spec("jupyterlab") is None:
         stop_missing("JupyterLab")
+    for word in (arg.partition("=")[0] for arg in context.args if arg.startswith("--")):
+        if near := difflib.get_close_matches(
+            word, ("--fresh", "--to", "--with-outputs"), cutoff=0.8
+        ):
+            context.fail(f"No such option: {word} Did you mean {near[0]}?")
     with reported():
         own = to.resolve() if to is not None else copies.folder()
         first = own / FIRST_NOTEBOOK

@@ -64,9 +64,9 @@ def exact_permutation(cost: Array) -> Index:
 def _by_scipy(cost: Array) -> Index:
     """The same without potentials of our own, and with large costs brought down first."""
     if _rounding(cost) >= SHARP * min(nearness(cost), nearness(cost.T)):
-        cost = _reduced(cost)
+        tied, cost = _has_copies(cost), _reduced(cost)
         near, rounding = nearness(cost), _rounding(cost)
-        if rounding > BLUNT * near > 0:
+        if rounding > BLUNT * near > 0 and not tied:
             warnings.warn(
                 f"costs up to {cost.max():.3g} hide the others, whose lowest differ by "
                 f"{near:.3g}: rounding chooses their pairs; leave out the rows that are so far off",
@@ -74,6 +74,14 @@ def _by_scipy(cost: Array) -> Index:
                 stacklevel=2,
             )
     return linear_sum_assignment(cost)[1].astype(np.int64)
+
+
+def _has_copies(cost: Array) -> bool:
+    """Whether most rows find their lowest costs equal but for rounding: data rows are repeated."""
+    lowest = np.partition(cost, (0, len(cost) // 10), axis=1)
+    low, next_ones = lowest[:, 0], lowest[:, len(cost) // 10]
+    rounding = 16 * np.finfo(np.float64).eps * np.abs(next_ones)
+    return float(np.median(next_ones - low <= rounding)) > 0
 
 
 def _reduced(cost: Array) -> Array:

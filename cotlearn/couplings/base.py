@@ -479,9 +479,19 @@ def draw_noise(x1: Tensor, source: Source | None, generator: Generator) -> Tenso
     """Draw noise with the shape of x1 (n, d), standard normal unless a source is given."""
     if source is None:
         return torch.randn(x1.shape, dtype=x1.dtype, generator=generator)
-    drawn = source(len(x1), generator=generator)
+    drawn = _asked(source, "source", len(x1), generator)
     noise = validation.check_shape(drawn, "source(n)", tuple(x1.shape)).to(x1)
     return validation.check_matrix(noise, f"source(n) in {x1.dtype}")
+
+
+def _asked(function: Callable[..., Any], name: str, n: int, generator: Generator | None) -> Any:
+    """What a user's function draws; one that takes no generator is refused by name."""
+    try:
+        return function(n, generator=generator)
+    except TypeError as error:
+        if "unexpected keyword argument 'generator'" not in str(error):
+            raise
+        raise TypeError(f"{name} must take (n, generator=...), as Dataset.sample does") from error
 
 
 def draw_rows(data: Sampler, n: int, generator: Generator | None) -> tuple[Tensor, Tensor | None]:
@@ -491,7 +501,7 @@ def draw_rows(data: Sampler, n: int, generator: Generator | None) -> tuple[Tenso
         TypeError: it returns something else than a tuple (x1, c) of tensors; c may be None.
         ValueError: it returns another number of rows.
     """
-    drawn = data.sample(n, generator=generator)
+    drawn = _asked(data.sample, "data.sample", n, generator)
     if not (isinstance(drawn, tuple) and len(drawn) == 2):
         raise TypeError(f"data.sample(n) must return (x1, c), got {type(drawn).__name__}")
     for name, rows in zip(("x1", "c"), drawn, strict=True):
@@ -506,7 +516,7 @@ def draw_rows(data: Sampler, n: int, generator: Generator | None) -> tuple[Tenso
 
 def _check_rows(value: Any, name: str, rows: int) -> Tensor:
     """Return what `match` gave for `name` as row numbers (rows,)."""
-    index = value if isinstance(value, Tensor) else torch.as_tensor(np.asarray(value))
+    index = value if isinstance(value, Tensor) else torch.as_tensor(np.array(value))
     whole = not (index.is_floating_point() or index.is_complex() or index.dtype == torch.bool)
     if not whole or index.shape != (rows,) or not 0 <= int(index.min()) <= int(index.max()) < rows:
         got = f"{index.dtype} of shape {tuple(index.shape)}"

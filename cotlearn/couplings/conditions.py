@@ -247,7 +247,8 @@ class EmbeddedClusters(Clusters):
         validation.check_function(self.embed, "embed", "of c")
         if _draws(self.embed):
             raise ValueError(
-                "embed must be in eval mode: its dropout gives other clusters each time"
+                "embed must be in eval mode: its dropout or batch normalisation gives a condition "
+                "other clusters each time"
             )
         wanted = "clusters such as KMeansCondition()"
         validation.check_has(self.inner, "inner", wanted, "fit", "project")
@@ -286,10 +287,10 @@ class EmbeddedClusters(Clusters):
 
 
 def _draws(embed: Any) -> bool:
-    """Whether a network has dropout that is switched on."""
+    """Whether a network has dropout, or normalises by its batch, and trains."""
     parts = embed.modules() if isinstance(embed, torch.nn.Module) else ()
-    kinds = torch.nn.modules.dropout._DropoutNd
-    return any(isinstance(part, kinds) and part.training and part.p > 0 for part in parts)
+    kinds = torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm
+    return any(isinstance(part, kinds) and part.training for part in parts)
 
 
 def _k_means(rows: Any, clusters: int, seed: int) -> Any:

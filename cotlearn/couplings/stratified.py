@@ -155,6 +155,8 @@ class StratifiedOT(Coupling):
             return clusters
         clusters = copy.copy(clusters).fit(c)
         clusters.fitted_to = content
+        if (inner := getattr(clusters, "inner", None)) is not None:
+            inner.fitted_to = content
         self.clusters = clusters
         return clusters
 

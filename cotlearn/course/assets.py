@@ -186,6 +186,6 @@ def not_found(kind: str, name: str, available: list[str], *, wanted: str | None 
     lines = [f"there is no {kind} {name!r}"]
     near = difflib.get_close_matches(wanted or name, available, n=3, cutoff=0.5)
     if near:
-        lines.append(f"did you mean: {', '.join(near)}?")
+        return f"{lines[0]}; did you mean: {', '.join(near)}?"
     lines.append(f"available: {', '.join(available)}" if available else "none are installed")
     return "; ".join(lines)

@@ -1,6 +1,7 @@
 """DDPM and DDIM on the same networks: the baseline that flow matching policies are measured by."""
 
 import math
+import warnings
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
@@ -57,8 +58,15 @@ class Diffusion:
     def loss(self, network: Velocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
         """The squared error at one uniform level per row, (B,) (2006.11239, eq. 14).
 
-        It is a loss for `fit`. The noise is the x0 of the pairs, from any coupling.
+        It is a loss for `fit`. The noise is the x0 of the pairs, from any coupling. Warns
+        (UserWarning) if the data lie beyond `clip`, where no sample will.
         """
+        if self.clip is not None and (far := float(pairs.x1.abs().max())) > 1.05 * self.clip:
+            warnings.warn(
+                f"x1 reaches {far:.3g}, and samples are clipped to {self.clip:g}: scale the data, "
+                "or choose clip=None",
+                stacklevel=2,
+            )
         check_same_type(pairs.x1, pairs.x0)
         k = torch.randint(self.levels, (len(pairs),), generator=generator).to(pairs.x0.device)
         a = self.alphas_cumprod.to(pairs.x0)[k][:, None]

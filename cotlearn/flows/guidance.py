@@ -1,8 +1,10 @@
 """Classifier-free guidance: one network with and without its condition (Ho & Salimans 2207.12598).
 
-The missing condition is a row of zeros, which no one-hot label is.
+The missing condition is a row of zeros, which no one-hot label is. Of numbers, 0 must not be an
+ordinary value: give them a second column of ones.
 """
 
+import warnings
 from dataclasses import dataclass, replace
 
 import torch
@@ -17,7 +19,8 @@ from cotlearn.validation import check_function, check_number, check_share
 class LabelDropout:
     """`conditional_flow_matching_loss` with the condition hidden in a random share of the rows.
 
-    The condition is hidden after pairing, so a conditional coupling still sees it.
+    The condition is hidden after pairing, so a conditional coupling still sees it. Warns
+    (UserWarning) if rows of zeros, or one column of both signs, mean something else as well.
 
     Args:
         share: share of the rows, in [0, 1].
@@ -34,6 +37,13 @@ class LabelDropout:
         """The squared error of each row, (B,)."""
         if pairs.c is None:
             raise TypeError("LabelDropout needs pairs with a condition c, got None")
+        c = pairs.c
+        if (c == 0).all(dim=1).any() or (c.shape[1] == 1 and c.min() < 0 < c.max()):
+            warnings.warn(
+                "c has values at 0 or on both sides of it, and LabelDropout hides a condition by "
+                "zeros: give it a further column of ones, so that the two differ",
+                stacklevel=2,
+            )
         hidden = torch.rand(len(pairs), generator=generator) < self.share
         c = pairs.c.masked_fill(hidden.to(pairs.c.device)[:, None], 0.0)
         return conditional_flow_matching_loss(network, replace(pairs, c=c), generator)

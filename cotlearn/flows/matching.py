@@ -12,6 +12,7 @@ from cotlearn.validation import (
     check_choice,
     check_function,
     check_generator,
+    check_has,
     check_number,
     check_shape,
     check_share,
@@ -56,6 +57,8 @@ def flow_matching_step(
         pairs: a batch of any coupling.
         generator: draws the times on the CPU; torch's global one if None.
     """
+    check_function(network, "network", "(t, x, c) -> v")
+    check_has(pairs, "pairs", "Pairs, as a coupling returns them", "x0", "x1", "c")
     check_generator(generator)
     return weighted_mean(conditional_flow_matching_loss(network, pairs, generator), pairs)
 

@@ -3,6 +3,7 @@
 import contextlib
 import math
 import time
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -220,5 +221,12 @@ def _check_parts(network: Any, data: Any, coupling: Any, loss: Any) -> None:
     validation.check_has(data, "data", wanted, "sample")
     validation.check_has(coupling, "coupling", "a coupling such as Independent()", "stream")
     validation.check_function(loss, "loss", "(network, pairs, generator) -> (B,)")
-    if next(network.parameters(), None) is None:
+    if (weights := next(network.parameters(), None)) is None:
         raise ValueError("network has no parameters: there is nothing to train")
+    if weights.dtype in (torch.float16, torch.bfloat16):
+        warnings.warn(
+            f"network has weights in {weights.dtype}, in which small steps and the average of "
+            "weights are rounded away: keep them in float32, and train under torch.autocast",
+            RuntimeWarning,
+            stacklevel=3,
+        )

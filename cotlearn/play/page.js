@@ -78,4 +78,6 @@ function embed(only) {
   for (const section of document.querySelectorAll("section")) {
     if (section.id !== only) section.remove();
   }
+  const tell = () => parent.postMessage({ height: document.body.scrollHeight + 10 }, "*");
+  new ResizeObserver(tell).observe(document.body);
 }

@@ -84,7 +84,8 @@ def rollout(
     """Roll out a policy in all episodes in parallel.
 
     The start of an episode depends only on its seed, and its noise only on its number, so that two
-    policies can be compared episode by episode.
+    policies can be compared episode by episode. (What DDPM draws later in its chain depends on how
+    many are rolled out, too.)
 
     Args:
         policy: maps the last states of each simulation to the next actions.

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -259,6 +259,10 @@ def examine(
     _scales_of(data.x1, data.name)  # before the split, in which equal rows are few groups
     inside, outside = split(rows, seed=seed)
     assert data.c is not None  # `Rows` have conditions
+    if rows.labels and (unseen := (data.c[inside] == 0).all(dim=0)).any():
+        names = [label for label, new in zip(rows.labels, unseen.tolist(), strict=True) if new]
+        note = f"Held out alone, in groups of their own, and so never trained: {', '.join(names)}."
+        rows = replace(rows, notes=(*rows.notes, note))
     x = _scales_of(data.x1[inside], data.name)
     c = TamedStandardiser.fit(data.c[inside])
     x1, condition = x(data.x1), c(data.c)

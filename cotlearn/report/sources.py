@@ -1,5 +1,6 @@
 """Reads your own data: arrays, an .npz, a LeRobot folder, a Diffusion Policy zarr."""
 
+import difflib
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -28,6 +29,7 @@ from cotlearn.validation import (
 )
 
 MOST_LABELS = 64  #: distinct values of a vector of labels
+KEYS = "x1", "c", "group"  #: arrays of an .npz
 MOST_STEPS = 10_000  #: of a window
 FEW = 20  #: distinct whole values of a column that may be labels
 NAMED = 5  #: columns that a note names
@@ -291,14 +293,21 @@ def _read_npz(path: Path) -> Rows:
         np.load(file, allow_pickle=False) as stored,
     ):
         names = stored.files
-        found = {key: _stored(stored, key) for key in ("x1", "c", "group") if key in names}
+        found = {key: _stored(stored, key) for key in KEYS if key in names}
+    unread = [name for name in names if name not in KEYS]
+    for key in (key for key in KEYS if key not in found):
+        if near := difflib.get_close_matches(key, unread, n=1, cutoff=0.8):
+            raise ValueError(f"{path} has an array {near[0]}, which is not read: call it {key}")
     if objects := [key for key, value in found.items() if value is None]:
         key = objects[0]
         raise ValueError(
-            f"{path}: {key} holds Python objects, which are never loaded; save words as "
-            f"{key}.astype(str), numbers as {key}.astype(float)"
+            f"{path}: {key} holds Python objects, which are never loaded; fill what is None, and "
+            f"save words as {key}.astype(str), numbers as {key}.astype(float)"
         )
     arrays = {key: value for key, value in found.items() if value is not None}
     if missing := [key for key in ("x1", "c") if key not in arrays]:
         raise ValueError(f"{path} has no array {' and no array '.join(missing)}; it has {names}")
-    return from_arrays(**arrays, name=path.name)
+    rows = from_arrays(**arrays, name=path.name)
+    if unread:
+        rows = replace(rows, notes=(*rows.notes, f"Not read: {', '.join(unread)}."))
+    return rows

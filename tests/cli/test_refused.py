@@ -231,3 +231,9 @@ def test_a_wrong_name_is_refused_before_torch_loads(words, said, tmp_path):
     assert said in done.stderr
     assert done.stderr.count("\n") == 1
     assert done.stdout == "2 False\n"
+
+
+def test_a_mistyped_option_of_lab_does_not_go_to_jupyterlab():
+    result = CliRunner().invoke(cli.app, ["lab", "--frsh", "03"])
+    assert result.exit_code == 2
+    assert "Did you mean --fresh?" in result.output

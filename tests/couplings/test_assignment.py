@@ -5,11 +5,14 @@ import itertools
 import numpy as np
 import ot
 import pytest
+import torch
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
+from support import seeded
 
 from cotlearn.couplings import assignment
 from cotlearn.couplings.assignment import SMALL_BATCH, draw_pairs, exact_permutation, sinkhorn_plan
+from cotlearn.couplings.base import squared_distances
 
 
 def points(n, d, seed=0, kind="normal"):
@@ -295,3 +298,12 @@ def test_a_plan_that_did_not_converge_is_said():
     """A column was off by 100 %."""
     with pytest.warns(RuntimeWarning, match="has not converged: a marginal is .* % off"):
         sinkhorn_plan(points(40, 2), regularization=1e-4)
+
+
+@pytest.mark.filterwarnings("error")
+def test_repeated_rows_are_no_rows_far_off():
+    """Their costs differ by rounding, and a warning asked to leave out what was far off."""
+    for seed in range(4):
+        x1 = torch.rand(6, 784, generator=seeded(seed)).repeat(2, 1)
+        x0 = torch.randn(12, 784, generator=seeded(9))
+        exact_permutation(squared_distances(x0, x1))

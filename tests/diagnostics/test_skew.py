@@ -124,3 +124,10 @@ def test_values_whose_squares_overflow_are_refused():
     for test in (prior_skew, linear_skew):
         with pytest.raises(ValueError, match="whose squares float64 holds; c has values up to"):
             test(x, 1e160 * x)
+
+
+def test_repeated_noise_is_named():
+    """It is its own neighbour, so that independent rows were flagged without a word."""
+    x0, c = torch.randn(300, 2, generator=seeded()), torch.randn(300, 1, generator=seeded(1))
+    with pytest.warns(RuntimeWarning, match="x0 has only 300 different rows of 600"):
+        prior_skew(x0.repeat(2, 1), c.repeat(2, 1))

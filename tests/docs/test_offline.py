@@ -39,6 +39,13 @@ def slides(tmp_path_factory):
     return folder
 
 
+def test_a_question_stands_beside_its_answers(slides):
+    html = (slides / "03_conditions_break_it.slides.html").read_text("utf-8")
+    shown = re.split(r"<section[^>]*>", html)
+    asked = next(part for part in shown if "its own part of the noise?" in part)
+    assert all(f"<strong>{letter}</strong>" in asked for letter in "ABC")
+
+
 def test_a_number_without_a_notebook_gets_a_sentence(tmp_path):
     command = [sys.executable, "docs/slides.py", str(tmp_path), "99"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -83,6 +83,31 @@ def test_nothing_sticks_out_of_a_page(site, browser):
     assert len(pages) > 50
 
 
+@pytest.mark.parametrize("width", [390, 1400])
+def test_frames_are_as_high_as_what_they_show(site, browser, width):
+    """On a phone both panels of the first page were cut off."""
+    tab = browser.new_page(viewport={"width": width, "height": 900})
+    tab.goto((site / "docs" / "index.html").as_uri())
+    tab.locator("iframe.robots").scroll_into_view_if_needed()
+    for name in ("pairs", "robots"):
+        frame = tab.frame_locator(f"iframe[src$='embed={name}']").locator("html")
+        tab.wait_for_timeout(500)
+        frame.evaluate("html => new Promise(done => setTimeout(done, 1500))")
+        high = frame.evaluate("html => [html.scrollHeight, html.clientHeight]")
+        assert high[0] <= high[1]
+        assert high[1] > 300
+    tab.close()
+
+
+@pytest.mark.parametrize("paper", ["A4", "Letter"])
+def test_the_cheat_sheet_is_one_page(site, browser, paper):
+    tab = browser.new_page()
+    tab.goto((site / "docs" / "reference" / "cheat_sheet.html").as_uri())
+    printed = tab.pdf(format=paper)
+    tab.close()
+    assert re.findall(rb"/Count (\d+)", printed) == [b"1"]
+
+
 def searched(site, browser, words):
     """The titles that the search page lists first."""
     tab = browser.new_page()

@@ -5,7 +5,7 @@ import torch
 from peers import peer
 from support import refused, seeded
 
-from cotlearn.couplings import Independent
+from cotlearn.couplings import Independent, Pairs
 from cotlearn.datasets import Dataset
 from cotlearn.flows import fit
 from cotlearn.flows.diffusion import Diffusion, predict, regression_loss
@@ -193,3 +193,9 @@ test_bad_input = refused(
     (lambda: Diffusion(10).ddim(NET, X, X[:2, :1], nfe=2), "condition_dim=0, but got c"),
     error=ValueError,
 )
+
+
+def test_data_beyond_the_clip_are_named():
+    x, rows = 4 * torch.ones(8, 2), torch.arange(8)
+    with pytest.warns(UserWarning, match="x1 reaches 4, and samples are clipped to 1"):
+        Diffusion().loss(lambda t, x, c: x, Pairs(x, x, None, rows, rows), seeded())

@@ -14,7 +14,14 @@ import torch
 from support import refused, same_weights, seeded
 from torch import nn
 
-from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT
+from cotlearn.couplings import (
+    ConditionalOT,
+    EmbeddedClusters,
+    Independent,
+    KMeansCondition,
+    MinibatchOT,
+    StratifiedOT,
+)
 from cotlearn.datasets import Dataset, unconditional
 from cotlearn.flows import (
     FlowMatching,
@@ -644,3 +651,28 @@ def test_data_that_draw_in_a_way_of_their_own_are_other_data(tmp_path):
     weights = torch.eye(64)[3]
     with pytest.raises(ValueError, match="rows of data was"):
         fit(network, data, Independent(), **options)
+
+
+@pytest.mark.parametrize("kind", [torch.bfloat16, torch.float16])
+def test_weights_of_half_precision_are_named(kind):
+    """The average of the weights did not follow them."""
+    data = Dataset(torch.randn(64, 2, generator=seeded()).to(kind))
+    network = VelocityMLP(2, width=8, depth=1, seed=0).to(kind)
+    with pytest.warns(RuntimeWarning, match="keep them in float32"):
+        fit(network, data, Independent(), steps=1, batch_size=8)
+
+
+def test_a_sampler_without_a_generator_is_named():
+    network, data = VelocityMLP(2, width=8, depth=1, seed=0), Dataset(torch.zeros(8, 2))
+    with pytest.raises(TypeError, match=r"source must take \(n, generator=...\)"):
+        fit(network, data, Independent(), steps=1, batch_size=8, source=lambda n: torch.zeros(n, 2))
+
+
+def test_clusters_of_an_embedding_resume_in_the_same_process(tmp_path):
+    """What the stream fitted changed the contents of the coupling."""
+    coupling = StratifiedOT(EmbeddedClusters(lambda c: c[:, :2], KMeansCondition(3)))
+    data = Dataset(*petals().sample(400, seeded()))
+    network = VelocityMLP(2, 4, width=8, depth=1, seed=0)
+    options = {"steps": 2, "batch_size": 32, "checkpoint": tmp_path / "a.safetensors"}
+    for _ in range(2):
+        fit(network, data, coupling, **options)

@@ -4,7 +4,7 @@ import pytest
 import torch
 from support import refused, seeded
 
-from cotlearn.couplings import ConditionalOT
+from cotlearn.couplings import ConditionalOT, Pairs
 from cotlearn.flows import Guided, LabelDropout, VelocityMLP, sampler
 from cotlearn.flows.matching import conditional_flow_matching_loss
 from cotlearn.mixtures import petals
@@ -61,3 +61,11 @@ test_bad_input = refused(
     (lambda: Guided(Seen(), -1), ValueError, "scale must be at least 0"),
     (lambda: Guided(Seen(), 1)(0.0, torch.zeros(3, 2), None), TypeError, "needs a condition"),
 )
+
+
+@pytest.mark.parametrize("c", [torch.zeros(8, 2), torch.linspace(-1, 1, 8)[:, None]])
+def test_a_condition_that_may_be_zero_is_named(c):
+    """At 0 a network answered for all conditions."""
+    x, rows = torch.zeros(8, 2), torch.arange(8)
+    with pytest.warns(UserWarning, match="LabelDropout hides a condition by zeros"):
+        LabelDropout(0.5)(lambda t, x, c: x, Pairs(x, x, c, rows, rows))

@@ -378,3 +378,12 @@ def test_an_npz_that_does_not_fit(arrays, error, message, tmp_path):
 def test_ends_that_do_not_rise(ends):
     with pytest.raises(ValueError, match="ends must rise to the number of rows 9"):
         from_episodes(*episodes()[:2], ends, observe=2, predict=3, name="mine")
+
+
+def test_arrays_that_are_not_read_are_named(tmp_path):
+    """Rows of one episode were split between training and test."""
+    path = saved(tmp_path, x1=numbers(8), c=numbers(8), groups=np.arange(8) // 2)
+    with pytest.raises(ValueError, match="has an array groups, which is not read: call it group"):
+        read_data(path)
+    path = saved(tmp_path, x1=numbers(8), c=numbers(8), when=np.arange(8))
+    assert "Not read: when." in read_data(path).notes

@@ -1,5 +1,15 @@
-/* A button on each block of code that copies it. Outputs have none. */
+/* For all pages of the site: buttons that copy code, and frames as high as what they show. */
 "use strict";
+
+// A panel of the playground says its height, which depends on the width of its frame.
+addEventListener("message", ({ data, source }) => {
+  if (!(data?.height > 0)) return;
+  for (const frame of document.querySelectorAll("iframe.playground")) {
+    if (frame.contentWindow === source) frame.style.height = `${data.height}px`;
+  }
+});
+
+// A button on each block of code; outputs have none.
 
 const copyText = (text) => {
   if (navigator.clipboard) return navigator.clipboard.writeText(text);
