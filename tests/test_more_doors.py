@@ -131,9 +131,10 @@ def test_noise_has_the_type_of_the_weights(kind):
     assert sampler(net, nfe=1)(C.to(kind)).dtype == kind
 
 
-def test_dropout_in_an_encoder_is_refused():
-    """61 % of the labels changed between two calls."""
-    embed = torch.nn.Sequential(torch.nn.Linear(3, 3), torch.nn.Dropout(0.5))
+@pytest.mark.parametrize("layer", [torch.nn.Dropout(0.5), torch.nn.BatchNorm1d(3)], ids=str)
+def test_an_encoder_that_trains_is_refused(layer):
+    """61 % of the labels changed between two calls, or they depended on the batch."""
+    embed = torch.nn.Sequential(torch.nn.Linear(3, 3), layer)
     with pytest.raises(ValueError, match="embed must be in eval mode"):
         EmbeddedClusters(embed, KMeansCondition(2))
     EmbeddedClusters(embed.eval(), KMeansCondition(2))

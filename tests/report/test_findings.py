@@ -133,6 +133,16 @@ def test_digits_whose_forecast_is_refuted_get_the_model_of_independent_pairs(mon
 
 
 @pytest.mark.slow
+def test_labels_that_are_only_held_out_are_named():
+    """Groups that are the labels: each held-out label was never trained, without a word."""
+    x1, _ = two_modes()
+    label = np.arange(len(x1)) % 8
+    found = examine(from_arrays(x1, label, group=label), steps=5, probe_steps=5, pairs=200)
+    (note,) = [note for note in found.rows.notes if "never trained" in note]
+    assert re.fullmatch(r".*: \d, \d\.", note)
+
+
+@pytest.mark.slow
 def test_178_rows_get_an_answer():
     found = examine(from_arrays(*two_modes(178)), steps=5, probe_steps=5, pairs=100)
     assert len(found.train) == 134
