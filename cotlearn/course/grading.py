@@ -23,6 +23,8 @@ from cotlearn.course.marking import NOT_REACHED, Mark, Marked, mark
 from cotlearn.course.submissions import MOST_BYTES
 from cotlearn.files import write_text
 
+LESSON = "a lesson, not homework: its exercises have no points"  #: a note
+
 
 @dataclass(frozen=True)
 class Row:
@@ -224,7 +226,12 @@ def _remarks(marked: Marked) -> str:
     said = [(item.question, text) for item in marked.marks for text in (item.sentence, *item.hints)]
     said = [(name, text) for name, text in said if TOO_LONG in text or NOT_REACHED in text]
     stopped = [f"{name}: {text.partition(';')[0]}" for name, text in said]
-    return "; ".join(dict.fromkeys(filter(None, [marked.note, *stopped])))
+    return "; ".join(dict.fromkeys(filter(None, [marked.note, _without_points(marked), *stopped])))
+
+
+def _without_points(marked: Marked) -> str:
+    """What a teacher is told of a lesson among the homework."""
+    return LESSON if marked.marks and not marked.out_of else ""
 
 
 def _plain(text: str) -> str:
@@ -238,8 +245,7 @@ def page(file: str, marked: Marked) -> str:
     if not marked.marks:
         return f"# {file}\n\nThis could not be graded: {note}.\n"
     lines = [f"# {marked.title}", "", f"{file}: {marked.points:g} of {marked.out_of:g} points", ""]
-    if note:
-        lines += [f"Note: {note}.", ""]
+    lines += [f"Note: {text}.\n" for text in (note, _without_points(marked)) if text]
     for item in marked.marks:
         lines += [f"## {item.question}: {item.points:g} of {item.out_of:g}", "", *_words(item), ""]
     return "\n".join(lines)

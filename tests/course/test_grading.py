@@ -341,3 +341,15 @@ def test_what_has_not_begun_is_not_waited_for():
 
     with pytest.raises(ZeroDivisionError):  # while the second sleeps; the others never begin
         kernel.in_parallel(work, [0, 0.3, 0.3, 0.3], workers=1, then=lambda result: None)
+
+
+def test_a_lesson_among_the_homework_is_named():
+    """Its row had 0 of 0 points and no note."""
+    right = marking.Mark("01.midpoint", "correct", "")
+    lesson = marking.Marked("01", "Notebook 01", [right])
+    assert grading.LESSON in grading.table([grading.Row("01.ipynb", lesson)])
+    assert f"Note: {grading.LESSON}." in grading.page("01.ipynb", lesson)
+    homework = marking.Marked(
+        "hw1", "Homework 1", [marking.Mark("hw1.loss", "correct", "", out_of=2.0)]
+    )
+    assert grading.LESSON not in grading.table([grading.Row("hw1.ipynb", homework)])
