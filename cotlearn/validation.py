@@ -143,10 +143,10 @@ def _as_floats(value: Tensor, name: str) -> Tensor:
     floats = value.to(torch.get_default_dtype())
     if not torch.equal(floats.to(value.dtype), value):  # as integers: float64 rounds them, too
         largest = int(value.abs().max())
-        most = 2**53  # that float64 holds, with all below
-        way = f"subtract a constant{f', or pass {name}.double()' if largest <= most else ''}"
+        or_double = f", or pass {name}.double()" if largest <= 2**53 else ""
         raise ValueError(
-            f"{name} has integers up to {largest}, of which {floats.dtype} would merge some: {way}"
+            f"{name} has integers up to {largest}, of which {floats.dtype} would merge some: "
+            f"subtract a constant{or_double}"
         )
     return floats
 

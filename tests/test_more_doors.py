@@ -16,10 +16,11 @@ from cotlearn.couplings import (
 )
 from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.datasets import Dataset, Standardiser
-from cotlearn.diagnostics import between_within, linear_skew
+from cotlearn.diagnostics import between_within, deployment_gap, frontier, linear_skew
 from cotlearn.diagnostics.regression import regression
 from cotlearn.flows import VelocityMLP, fit, integrate, sampler
 from cotlearn.flows.matching import flow_matching_step
+from cotlearn.metrics import straightness
 from cotlearn.potentials import ICNN, invert
 from cotlearn.report import from_arrays
 from cotlearn.robots.episodes import read
@@ -138,3 +139,17 @@ def test_an_encoder_that_trains_is_refused(layer):
     with pytest.raises(ValueError, match="embed must be in eval mode"):
         EmbeddedClusters(embed, KMeansCondition(2))
     EmbeddedClusters(embed.eval(), KMeansCondition(2))
+
+
+def test_lengths_of_large_numbers_are_finite():
+    """In single precision their squares are infinite."""
+    x = 1e20 * torch.randn(400, 2, generator=seeded())
+    found = frontier(x, torch.eye(2)[torch.arange(400) % 2], {"i": Independent()}, progress=False)
+    assert math.isfinite(found["i"].transport_cost)
+    assert math.isfinite(straightness(lambda t, x, c: torch.zeros_like(x), x))
+
+
+def test_held_out_data_need_a_condition():
+    net, data = VelocityMLP(2, 2, width=8, depth=1, seed=0), Dataset(MANY, MANY)
+    with pytest.raises(TypeError, match="held_out must be data with a condition"):
+        deployment_gap(net, data, Independent(), n=100, held_out=Dataset(MANY))

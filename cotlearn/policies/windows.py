@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from cotlearn.datasets import Dataset
-from cotlearn.robots.episodes.checked import Episodes, window_rows
+from cotlearn.robots.episodes.checked import LONGEST, Episodes, window_rows
 from cotlearn.robots.registry import find_task
 from cotlearn.robots.task import Array, Frame, Task
 from cotlearn.validation import check_array, check_choice, check_count
 
 LABELS = ("action", "intention")
-LONGEST = 10_000  #: steps of a history or a chunk; a policy's file could name any
 _RANGES = ("observation_range", "action_range")
 
 

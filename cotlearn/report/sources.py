@@ -14,7 +14,7 @@ from torch import Tensor
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics.groups import numbered
 from cotlearn.files import check_input, reading
-from cotlearn.robots.episodes.checked import window_rows
+from cotlearn.robots.episodes.checked import LONGEST, window_rows
 from cotlearn.robots.episodes.lerobot import OBSERVATIONS, read_frames, tables
 from cotlearn.robots.episodes.replay import is_buffer, read_buffer
 from cotlearn.robots.layout import ACTION
@@ -30,7 +30,6 @@ from cotlearn.validation import (
 
 MOST_LABELS = 64  #: distinct values of a vector of labels
 KEYS = "x1", "c", "group"  #: arrays of an .npz
-MOST_STEPS = 10_000  #: of a window
 FEW = 20  #: distinct whole values of a column that may be labels
 NAMED = 5  #: columns that a note names
 EXPECTED = "an .npz with x1 and c, a LeRobot folder, or a Diffusion Policy .zarr"
@@ -160,8 +159,8 @@ def from_episodes(
     rising = last.ndim == 1 and last.dtype.kind in "iu" and len(last) > 0
     if not rising or last[-1] != len(seen) or (np.diff(last.astype(int), prepend=0) < 1).any():
         raise ValueError(f"ends must rise to the number of rows {len(seen)}, got {last}")
-    check_count(observe, "observe", most=MOST_STEPS)
-    check_count(predict, "predict", most=MOST_STEPS)
+    check_count(observe, "observe", most=LONGEST)
+    check_count(predict, "predict", most=LONGEST)
     step = np.arange(len(seen))
     before, after, episode = window_rows(step, last, observe, predict)
     rows = from_arrays(done[after], seen[before], group=episode, name=name)

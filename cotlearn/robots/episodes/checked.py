@@ -15,6 +15,8 @@ from cotlearn.validation import check_count, check_has, check_real, check_seed
 
 Index = NDArray[np.int64]
 
+LONGEST = 10_000  #: steps of a history or a chunk; a policy's file could name any
+
 
 @dataclass(frozen=True)
 class Episodes:
