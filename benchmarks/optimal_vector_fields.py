@@ -33,7 +33,8 @@ from cells import opened
 from torch import Tensor
 
 from cotlearn.couplings import ConditionalOT, Independent, MinibatchOT, Pairs, Reflow
-from cotlearn.couplings.base import Match, squared_distances
+from cotlearn.couplings.base import Match
+from cotlearn.couplings.distances import squared_distances
 from cotlearn.datasets import unconditional
 from cotlearn.flows import VelocityMLP, fit, integrate
 from cotlearn.metrics import l2_uvp

@@ -13,7 +13,8 @@ from torch import Tensor
 
 from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation
-from cotlearn.couplings.base import Array, squared_distances, to_numpy
+from cotlearn.couplings.base import Array
+from cotlearn.couplings.distances import squared_distances, to_numpy
 from cotlearn.flows.matching import evaluate
 
 CONFIDENCE = 0.95  #: level of all intervals

@@ -9,16 +9,8 @@ from torch import Tensor, nn
 
 from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation, sinkhorn_plan
-from cotlearn.couplings.base import (
-    Array,
-    Coupling,
-    Index,
-    Match,
-    Traits,
-    lent,
-    near_rows,
-    squared_distances,
-)
+from cotlearn.couplings.base import Array, Coupling, Index, Match, Traits, lent
+from cotlearn.couplings.distances import near_rows, squared_distances
 from cotlearn.couplings.unheeded import warn_if_one_column_rules
 
 LIMIT = 64  #: most distinct conditions in a "full" batch, which needs B evaluations for each

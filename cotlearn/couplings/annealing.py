@@ -21,7 +21,6 @@ TEMPERATURE = np.float32(0.1)  #: of the first steps, in units of the costs' sca
 COOLING = 5  #: each further temperature is lower by this factor
 STAGES = 2, 5  #: least and greatest number of temperatures
 STEPS, FEW_STEPS = 10, 6  #: Sinkhorn steps at each temperature; up to 512 rows fewer are faster
-RELAXATION = np.float32(1.4)  #: over-relaxation of the steps, in [1, 2) (Thibault 1711.01851)
 LEAST = np.float32(1e-12)  #: scalings stay in [1e-12, 1e12]
 #: Entries of the kernel are 0 or at least 1e-25, so that their products with scalings are normal
 #: numbers: on some processors an operation on a denormal number takes a hundred times as long.
@@ -98,7 +97,7 @@ def potentials(cost: Array, least: Array, spread: float, near: float) -> tuple[A
     rows, columns = np.zeros(n), least.copy()
     _start(kernel, cost, least, float(-1 / (TEMPERATURE * spread)))
     temperature = TEMPERATURE * spread
-    coldest = near / min(4.0, n / 128)  # in large batches lower temperatures pay for themselves
+    coldest = near / min(20.0, n / 25)  # in large batches lower temperatures pay for themselves
     for stage in range(1, STAGES[1] + 1):
         u, v = np.ones(n, np.float32), np.ones(n, np.float32)
         for _ in range(FEW_STEPS if n <= 512 else STEPS):
@@ -117,12 +116,20 @@ def potentials(cost: Array, least: Array, spread: float, near: float) -> tuple[A
 
 @compiled(fastmath=True)
 def _start(kernel: Single, cost: Array, least: Array, per_unit: float) -> None:
-    """The kernel at the first temperature, in place."""
+    """The kernel at the first temperature, in place.
+
+    An exponential would take as long as all steps. Here exp(x) is (1 + x/256 + (x/256)^2 / 2)^256,
+    by eight squarings: .3 % off at x = -10.
+    """
     n = len(cost)
     for i in range(n):
         for j in range(n):
-            exponent = np.float32((cost[i, j] - least[j]) * per_unit)
-            kernel[i, j] = math.exp(exponent) if exponent > SMALLEST else ZERO
+            exponent = max(np.float32((cost[i, j] - least[j]) * per_unit), SMALLEST)
+            part = exponent * np.float32(1 / 256)
+            entry = ONE + part + np.float32(0.5) * part * part
+            for _ in range(8):
+                entry *= entry
+            kernel[i, j] = entry if exponent > SMALLEST else ZERO
 
 
 @compiled(fastmath=True)
@@ -154,6 +161,12 @@ def _step(kernel: Single, u: Single, v: Single, sums: Single) -> None:
 
 @compiled(fastmath=True, inline="always")
 def _relaxed(scaling: np.float32, product: np.float32) -> np.float32:
-    """The scaling moved towards 1 / product, and beyond it by over-relaxation."""
-    moved = scaling * (scaling * product + LEAST) ** -RELAXATION
+    """The scaling moved towards 1 / product, and beyond it by over-relaxation of 1.375.
+
+    A step may be over-relaxed by a power from 1 to 2 (Thibault 1711.01851). This one needs square
+    roots only: a general power would take a third of the time of all steps.
+    """
+    ratio = scaling * product + LEAST
+    quarter = math.sqrt(math.sqrt(ratio))
+    moved = scaling / (ratio * quarter * math.sqrt(quarter))
     return np.float32(min(max(moved, LEAST), ONE / LEAST))

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 from torch import Generator, Tensor
 from torch.utils.data import get_worker_info
 
@@ -25,10 +24,8 @@ from cotlearn.randomness import Purpose, generator_for
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-MANY_DIMENSIONS = 12  #: columns from which a matrix product computes distances faster
 #: The generator by which a stream pairs: it made that for one batch, and other workers have others.
 _OF_A_STREAM: ContextVar[Generator | None] = ContextVar("_OF_A_STREAM", default=None)
-LOST_DIGITS = 1e-6  #: share of the largest |a|^2 + |b|^2 below which the product loses digits
 
 
 @dataclass(frozen=True)
@@ -524,42 +521,6 @@ def _check_rows(value: Any, name: str, rows: int) -> Tensor:
             got += f" from {int(index.min())} to {int(index.max())}"
         raise ValueError(f"match must give {name} as {rows} rows from 0 to {rows - 1}, got {got}")
     return index.to(torch.long)
-
-
-def squared_distances(first: Tensor, second: Tensor) -> Array:
-    """|a_i - b_j|^2 for all rows, float64, shape (len(first), len(second)).
-
-    From 12 dimensions on, one matrix product of (-2a, |a|^2, 1) and (b, 1, |b|^2) is faster.
-    Distances so small that the product loses digits are computed again directly, so that equal
-    rows have distance 0.
-    """
-    a, b = to_numpy(first), to_numpy(second)
-    if a.shape[1] >= MANY_DIMENSIONS:
-        centre = b.mean(axis=0)
-        a, b = a - centre, b - centre
-        norms_a, norms_b = (a * a).sum(axis=1), (b * b).sum(axis=1)
-        left = np.column_stack([-2 * a, norms_a, np.ones(len(a))])
-        right = np.column_stack([b, np.ones(len(b)), norms_b])
-        # by torch: threads of NumPy's product and of torch would wait for each other, for 20 ms
-        distances: Array = torch.mm(torch.from_numpy(left), torch.from_numpy(right).T).numpy()
-        near = LOST_DIGITS * (norms_a.max() + norms_b.max())
-        if distances.min() >= near:
-            return distances
-        rows, columns = np.nonzero(distances < near)
-        if len(rows) < distances.size // 100:
-            distances[rows, columns] = ((a[rows] - b[columns]) ** 2).sum(axis=1)
-            return distances
-    return cdist(a, b, "sqeuclidean")
-
-
-def near_rows(weight: float, condition_cost: Array, sample_cost: Array) -> float:
-    """Mean number of conditions per row whose weighted cost is at most the mean sample cost."""
-    return float((weight * condition_cost <= sample_cost.mean()).sum(axis=1).mean())
-
-
-def to_numpy(value: Tensor) -> Array:
-    """A tensor as a float64 array on the CPU; shares memory if it is one already."""
-    return value.detach().to("cpu", torch.float64).numpy()
 
 
 def _warn_of_copies(generator: Generator | None) -> None:

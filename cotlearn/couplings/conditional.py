@@ -14,17 +14,8 @@ from torch import Tensor
 
 from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation
-from cotlearn.couplings.base import (
-    Array,
-    Coupling,
-    Index,
-    Match,
-    Traits,
-    is_ours,
-    lent,
-    near_rows,
-    squared_distances,
-)
+from cotlearn.couplings.base import Array, Coupling, Index, Match, Traits, is_ours, lent
+from cotlearn.couplings.distances import mean_distance, near_rows, squared_distances
 from cotlearn.couplings.unheeded import warn_if_one_column_rules, warn_if_unheeded
 from cotlearn.couplings.units import OwnUnits
 
@@ -147,10 +138,10 @@ class ConditionalOT(Coupling):
         """
         if not isinstance(self.condition_weight, str):
             return self.condition_weight
-        spread = np.sqrt(condition_cost).mean()
+        spread = mean_distance(condition_cost)
         if spread == 0:  # all conditions are equal: no weight changes anything
             return 0.0
-        return float((10 * np.sqrt(sample_cost).mean() / spread) ** 2)
+        return float((10 * mean_distance(sample_cost) / spread) ** 2)
 
     def _checked_weight(
         self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
@@ -178,7 +169,7 @@ class ConditionalOT(Coupling):
                 sample_cost = squared_distances(x0, x1)
                 cost = squared_distances(c[torch.from_numpy(noise_condition_index)], c)
                 weight = self._checked_weight(sample_cost, cost, noise_condition_index)
-                cost = weight * cost
+                cost *= weight
                 cost += sample_cost
                 mean = float(sample_cost.mean())
             else:  # the distance of the rows with sqrt(w) c appended: one matrix instead of three

@@ -15,7 +15,8 @@ import torch
 from torch import Tensor
 
 from cotlearn import validation
-from cotlearn.couplings.base import WithOptions, lent, to_numpy
+from cotlearn.couplings.base import WithOptions, lent
+from cotlearn.couplings.distances import to_numpy
 from cotlearn.couplings.unheeded import warn_if_unresolved
 from cotlearn.couplings.units import OwnUnits, tamed
 from cotlearn.datasets import Standardiser

@@ -6,7 +6,8 @@ import numpy as np
 from torch import Tensor
 
 from cotlearn.couplings.assignment import draw_pairs, exact_permutation, sinkhorn_plan
-from cotlearn.couplings.base import Coupling, Match, Traits, squared_distances
+from cotlearn.couplings.base import Coupling, Match, Traits
+from cotlearn.couplings.distances import squared_distances
 from cotlearn.validation import check_choice, check_positive
 
 

@@ -16,17 +16,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from cotlearn.couplings.assignment import exact_permutation
-from cotlearn.couplings.base import (
-    Coupling,
-    Last,
-    Match,
-    Source,
-    Traits,
-    content_of,
-    squared_distances,
-    to_numpy,
-)
+from cotlearn.couplings.base import Coupling, Last, Match, Source, Traits, content_of
 from cotlearn.couplings.conditions import Clusters, KMeansCondition
+from cotlearn.couplings.distances import squared_distances, to_numpy
 from cotlearn.validation import check_count, counted
 
 Array = NDArray[Any]

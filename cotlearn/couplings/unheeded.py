@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import warnings
 
+import numpy as np
 import torch
 from torch import Tensor
+
+from cotlearn.couplings.distances import to_numpy
 
 NEARLY_ALL = 0.99  #: share of the condition cost of one column that causes a warning
 UNHEEDED = 0.05  #: squared difference in pairs, as a share of that in random pairs, that does so
@@ -49,9 +52,9 @@ def warn_if_unheeded(noise: Tensor, data: Tensor) -> None:
         noise: (B, k), the conditions of the noise, a permutation of those of the data.
         data: (B, k), the conditions of the data, pair by pair.
     """
-    noise, data = noise.double(), data.double()
-    spread = data.var(dim=0, unbiased=False)
-    share = (noise - data).square().mean(dim=0) / (2 * spread + (spread == 0))
+    before, after = to_numpy(noise), to_numpy(data)
+    spread = after.var(axis=0)
+    share = np.square(before - after).mean(axis=0) / (2 * spread + (spread == 0))
     worst = int(share.argmax())
     if share[worst] > UNHEEDED:
         warnings.warn(

@@ -15,10 +15,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from cotlearn.couplings.distances import Array, to_numpy
 from cotlearn.datasets import Rows, Standardiser
 from cotlearn.validation import check_condition
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FAR = 16.0  #: spreads from the median beyond which distances grow like logarithms
@@ -59,34 +59,29 @@ class OwnUnits:
         """Measure the columns of c (n, k) on 1,024 pairs of rows, the same for equal n."""
         c = check_condition(c)
         with np.errstate(over="ignore", invalid="ignore"):  # of numbers that no rule can pair by
-            return cls._measured(c.detach().to("cpu", torch.float64).numpy(), c.dtype)
+            return cls._measured(to_numpy(c), c.dtype)
 
     @classmethod
     def _measured(cls, values: Array, dtype: torch.dtype) -> OwnUnits:
         """In NumPy: a batch is small, and each call of torch takes longer than its work."""
-        some = values[_pairs(len(values))]  # (2, pairs, k)
-        first, second = some
+        first, second = values[_pairs(len(values))]  # each (pairs, k)
         rounding = ROUNDING * torch.finfo(dtype).eps
         unequal, size = np.abs(first - second), np.maximum(np.abs(first), np.abs(second))
         differ = unequal > rounding * np.maximum(size, _median(size, size > 0))
         usual = np.exp(_mean(np.log(np.where(differ, unequal, 1.0)), differ))
         reach = np.ptp(values, axis=0)  # if no pair met the few unequal rows
         reach = np.where(reach > rounding * np.abs(values).max(axis=0), reach, 0.0)
-        spread = torch.from_numpy(np.where(differ.any(axis=0), usual, reach))
-        centre = torch.from_numpy(_median(first, np.isfinite(first)))
-        units = cls(centre, spread, torch.zeros(0, dtype=torch.long), torch.zeros(0, 0))
-        apart = np.diff(units(torch.from_numpy(some)).numpy(), axis=0)[0]
-        typical = np.sqrt(_mean(np.square(apart), differ))
-        if not (typical > SEVERAL).any():
-            return units
-        ranked = torch.from_numpy(np.flatnonzero(typical > SEVERAL))
-        return cls(centre, spread, ranked, _knots(torch.from_numpy(values)[:, ranked]))
+        spread = np.where(differ.any(axis=0), usual, reach)
+        centre = _median(first, np.isfinite(first))
+        apart = _near(_scaled(first, centre, spread)) - _near(_scaled(second, centre, spread))
+        several = np.flatnonzero(np.sqrt(_mean(np.square(apart), differ)) > SEVERAL)
+        ranked = torch.from_numpy(several)
+        knots = _knots(torch.from_numpy(values)[:, ranked]) if len(several) else torch.zeros(0, 0)
+        return cls(torch.from_numpy(centre), torch.from_numpy(spread), ranked, knots)
 
     def __call__(self, c: Tensor) -> Tensor:
         """The columns in units of their own, (n, k), float64; constant columns become 0."""
-        z = self._far_from_centre(c)
-        far = z.abs() > FAR
-        return self._with_ranks(c, torch.where(far, _drawn(z), z) if far.any() else z)
+        return self._with_ranks(c, torch.from_numpy(_near(self._spreads_away(c))).to(c.device))
 
     def tamed(self, c: Tensor) -> Tensor:
         """C (n, k) with far values drawn near, and ranks for columns of several scales.
@@ -94,17 +89,17 @@ class OwnUnits:
         The other columns keep their units; if there is nothing to do, c itself is returned.
         """
         c = check_condition(c)
-        z = self._far_from_centre(c)
-        far = z.abs() > FAR
+        z = self._spreads_away(c)
+        far = np.abs(z) > FAR
         if not (far.any() or len(self.ranked)):
             return c
-        centre, spread = self.centre.to(c.device), self.spread.to(c.device)
-        near = torch.where(far, (centre + spread * _drawn(z)).to(c.dtype), c)
+        drawn = torch.from_numpy(self.centre.numpy() + self.spread.numpy() * _drawn(z))
+        near = torch.where(torch.from_numpy(far).to(c.device), drawn.to(c), c)
         return self._with_ranks(c, near)
 
-    def _far_from_centre(self, c: Tensor) -> Tensor:
-        centre, spread = self.centre.to(c.device), self.spread.to(c.device)
-        return (c.detach().double() - centre) / torch.where(spread > 0, spread, torch.inf)
+    def _spreads_away(self, c: Tensor) -> Array:
+        """The columns of c (n, k), in spreads from their median."""
+        return _scaled(to_numpy(c), self.centre.numpy(), self.spread.numpy())
 
     def _with_ranks(self, c: Tensor, near: Tensor) -> Tensor:
         """`near` with twice the mid-ranks of c in the columns of several scales."""
@@ -150,6 +145,13 @@ def tamed(c: Tensor) -> Tensor:
     return OwnUnits.fit(c).tamed(c)
 
 
+@np.errstate(over="ignore", invalid="ignore")
+def _scaled(values: Array, centre: Array, spread: Array) -> Array:
+    """Values (n, k) in spreads from the centre; 0 where there is no spread."""
+    scaled: Array = (values - centre) / np.where(spread > 0, spread, np.inf)
+    return scaled
+
+
 def _mean(values: Array, counted: Mask) -> Array:
     """The mean of the counted values (n, k) of each column, (k,); 0 if none is counted."""
     return np.where(counted, values, 0.0).sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
@@ -157,10 +159,12 @@ def _mean(values: Array, counted: Mask) -> Array:
 
 def _median(values: Array, counted: Mask) -> Array:
     """The lower median of the counted values (n, k) of each column, (k,); 0 if none is counted."""
+    if counted.all():
+        return np.partition(values, middle := (len(values) - 1) // 2, axis=0)[middle]
     count = counted.sum(axis=0)
     in_order = np.sort(np.where(counted, values, np.inf), axis=0)
-    middle = in_order[np.maximum(count - 1, 0) // 2, np.arange(len(count))]
-    return np.where(count > 0, middle, 0.0)
+    middle_ones = in_order[np.maximum(count - 1, 0) // 2, np.arange(len(count))]
+    return np.where(count > 0, middle_ones, 0.0)
 
 
 def _knots(values: Tensor) -> Tensor:
@@ -169,8 +173,15 @@ def _knots(values: Tensor) -> Tensor:
     return values.T.sort(dim=1).values[:, places].contiguous()
 
 
-def _drawn(z: Tensor) -> Tensor:
-    return z.sign() * (FAR + (z.abs().clamp(min=FAR) / FAR).log())
+def _near(z: Array) -> Array:
+    """The same, with far values drawn near."""
+    far = np.abs(z) > FAR
+    return np.where(far, _drawn(z), z) if far.any() else z
+
+
+def _drawn(z: Array) -> Array:
+    """What values far from 0 are drawn to."""
+    return np.sign(z) * (FAR + np.log(np.maximum(np.abs(z), FAR) / FAR))
 
 
 @functools.lru_cache(maxsize=16)

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from cotlearn import metrics
-from cotlearn.couplings.base import Array, Coupling, Pairs, Sampler, to_numpy
+from cotlearn.couplings.base import Array, Coupling, Pairs, Sampler
+from cotlearn.couplings.distances import to_numpy
 from cotlearn.diagnostics.skew import MOST_ROWS, nearest, unit_variance
 from cotlearn.flows.matching import Velocity
 from cotlearn.flows.solvers import integrate, sampler

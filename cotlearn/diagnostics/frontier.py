@@ -10,7 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Array, Coupling, Pairs, to_numpy
+from cotlearn.couplings.base import Array, Coupling, Pairs
+from cotlearn.couplings.distances import to_numpy
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import skew
 from cotlearn.diagnostics.groups import held_out

@@ -7,7 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Batches, Pairs, to_numpy
+from cotlearn.couplings.base import Batches, Pairs
+from cotlearn.couplings.distances import to_numpy
 from cotlearn.couplings.units import TamedStandardiser
 from cotlearn.diagnostics.regression import regression
 from cotlearn.flows.matching import squared_error

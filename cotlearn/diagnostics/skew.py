@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from cotlearn import validation
-from cotlearn.couplings.base import Array, to_numpy
+from cotlearn.couplings.base import Array
 from cotlearn.couplings.conditions import KMeansCondition
+from cotlearn.couplings.distances import to_numpy
 from cotlearn.couplings.units import TamedStandardiser
 from cotlearn.datasets import Standardiser
 

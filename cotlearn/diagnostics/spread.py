@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from cotlearn.couplings.base import Array, to_numpy
+from cotlearn.couplings.base import Array
+from cotlearn.couplings.distances import to_numpy
 from cotlearn.diagnostics.groups import numbered
 from cotlearn.diagnostics.regression import regression
 from cotlearn.diagnostics.skew import MOST_ROWS, check_conditioned, nearest

@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from cotlearn import validation
-from cotlearn.couplings.base import squared_distances
+from cotlearn.couplings.distances import squared_distances
 from cotlearn.mixtures import spread_conditions, uniform_conditions
 from cotlearn.potentials.convex import ConvexPotential
 

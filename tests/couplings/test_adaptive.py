@@ -9,7 +9,7 @@ import torch
 from support import refused, seeded
 
 from cotlearn.couplings import AdaptiveConditionalOT, ConditionalOT, MinibatchOT
-from cotlearn.couplings.base import squared_distances
+from cotlearn.couplings.distances import squared_distances
 
 STEP = 2 ** (1 / 16)
 

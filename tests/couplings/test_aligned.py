@@ -13,7 +13,7 @@ from torch import nn
 from cotlearn import mixtures
 from cotlearn.couplings import MinibatchOT, ModelAligned, aligned
 from cotlearn.couplings.assignment import sinkhorn_plan
-from cotlearn.couplings.base import squared_distances
+from cotlearn.couplings.distances import squared_distances
 from cotlearn.diagnostics import prior_skew
 from cotlearn.flows import VelocityMLP, fit
 

@@ -12,7 +12,7 @@ from support import seeded
 
 from cotlearn.couplings import assignment
 from cotlearn.couplings.assignment import SMALL_BATCH, draw_pairs, exact_permutation, sinkhorn_plan
-from cotlearn.couplings.base import squared_distances
+from cotlearn.couplings.distances import squared_distances
 
 
 def points(n, d, seed=0, kind="normal"):

@@ -23,7 +23,8 @@ from cotlearn.couplings import (
     StratifiedOT,
     base,
 )
-from cotlearn.couplings.base import Match, Pairs, draw_noise, squared_distances, to_numpy
+from cotlearn.couplings.base import Match, Pairs, draw_noise
+from cotlearn.couplings.distances import squared_distances, to_numpy
 from cotlearn.datasets import Dataset, unconditional
 from cotlearn.flows import VelocityMLP, fit
 from cotlearn.mixtures import petals

@@ -12,8 +12,8 @@ from support import joined, refused, same, seeded
 
 from cotlearn import mixtures
 from cotlearn.couplings import SemidiscreteOT, semidiscrete
-from cotlearn.couplings.base import squared_distances
 from cotlearn.couplings.conditions import KMeansCondition
+from cotlearn.couplings.distances import squared_distances
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import prior_skew
 from cotlearn.randomness import generator_for

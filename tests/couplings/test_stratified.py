@@ -13,7 +13,8 @@ from support import joined, refused, same, seeded, take
 from cotlearn import mixtures
 from cotlearn.couplings import KMeansCondition, PCAKMeansCondition, StratifiedOT, stratified
 from cotlearn.couplings.assignment import exact_permutation
-from cotlearn.couplings.base import draw_noise, squared_distances
+from cotlearn.couplings.base import draw_noise
+from cotlearn.couplings.distances import squared_distances
 from cotlearn.datasets import Dataset
 from cotlearn.diagnostics import prior_skew
 from cotlearn.randomness import generator_for

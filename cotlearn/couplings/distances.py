@@ -1,0 +1,80 @@
+"""Squared distances of rows: the costs of pairing."""
+
+import math
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from cotlearn.couplings.compiled import compiled
+
+Array = NDArray[np.float64]
+
+MANY_DIMENSIONS = 12  #: columns from which a matrix product computes distances faster
+LOST_DIGITS = 1e-6  #: share of the largest |a|^2 + |b|^2 below which the product loses digits
+
+
+def to_numpy(value: Tensor) -> Array:
+    """A tensor as a float64 array on the CPU; shares memory if it is one already."""
+    return value.detach().to("cpu", torch.float64).numpy()
+
+
+def squared_distances(first: Tensor, second: Tensor) -> Array:
+    """|a_i - b_j|^2 for all rows, float64, shape (len(first), len(second)).
+
+    From 12 dimensions on, one matrix product of (-2a, |a|^2, 1) and (b, 1, |b|^2) is faster.
+    Distances so small that the product loses digits are computed again directly, so that equal
+    rows have distance 0.
+    """
+    a, b = to_numpy(first), to_numpy(second)
+    if a.shape[1] >= MANY_DIMENSIONS:
+        centre = b.mean(axis=0)
+        a, b = a - centre, b - centre
+        norms_a, norms_b = (a * a).sum(axis=1), (b * b).sum(axis=1)
+        left = np.column_stack([-2 * a, norms_a, np.ones(len(a))])
+        right = np.column_stack([b, np.ones(len(b)), norms_b])
+        # by torch: threads of NumPy's product and of torch would wait for each other, for 20 ms
+        distances: Array = torch.mm(torch.from_numpy(left), torch.from_numpy(right).T).numpy()
+        near = LOST_DIGITS * (norms_a.max() + norms_b.max())
+        if distances.min() >= near:
+            return distances
+        rows, columns = np.nonzero(distances < near)
+        if len(rows) < distances.size // 100:
+            distances[rows, columns] = ((a[rows] - b[columns]) ** 2).sum(axis=1)
+            return distances
+    summed: Array = _summed(np.ascontiguousarray(a), np.ascontiguousarray(b.T))
+    return summed
+
+
+@compiled()
+def _summed(a: Array, columns: Array) -> Array:
+    """The squared distances of rows a (n, d) and of columns (d, m), in the order of their columns.
+
+    SciPy's `cdist` gives the same bits in three times the time.
+    """
+    n, d, m = len(a), len(columns), columns.shape[1]
+    distances = np.zeros((n, m))
+    for i in range(n):
+        for k in range(d):
+            for j in range(m):
+                apart = a[i, k] - columns[k, j]
+                distances[i, j] += apart * apart
+    return distances
+
+
+@compiled(fastmath={"reassoc", "nsz"})
+def mean_distance(squared: Array) -> float:
+    """The mean of the distances whose squares (n, m) are given."""
+    total = 0.0
+    for i in range(len(squared)):
+        row = 0.0
+        for j in range(squared.shape[1]):
+            row += math.sqrt(squared[i, j])
+        total += row
+    return total / squared.size
+
+
+def near_rows(weight: float, condition_cost: Array, sample_cost: Array) -> float:
+    """Mean number of conditions per row whose weighted cost is at most the mean sample cost."""
+    return float((weight * condition_cost <= sample_cost.mean()).sum(axis=1).mean())
