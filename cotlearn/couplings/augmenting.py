@@ -7,8 +7,8 @@ below a threshold) and puts a marker into the queue: "all other columns are at l
 if the search reaches distance d does the row scan all columns. The result is exact for any
 potentials and any threshold; they only change the time.
 
-Only this file and `annealing.py` need compiled loops. Numba compiles them on the first call (a few
-seconds, kept in a cache).
+Only this file, `annealing.py` and `distances.py` need compiled loops. Numba compiles them on the
+first call (a few seconds, kept in a cache).
 """
 
 import heapq
