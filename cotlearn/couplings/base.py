@@ -472,7 +472,7 @@ def _check_weight(weight: Any, rows: int) -> None:
         raise ValueError("weight must be finite, got inf")
 
 
-def draw_noise(x1: Tensor, source: Source | None, generator: Generator) -> Tensor:
+def draw_noise(x1: Tensor, source: Source | None, generator: Generator | None) -> Tensor:
     """Draw noise with the shape of x1 (n, d), standard normal unless a source is given."""
     if source is None:
         return torch.randn(x1.shape, dtype=x1.dtype, generator=generator)
@@ -505,6 +505,8 @@ def draw_rows(data: Sampler, n: int, generator: Generator | None) -> tuple[Tenso
         if not isinstance(rows, Tensor) and not (name == "c" and rows is None):
             kind = type(rows).__name__
             raise TypeError(f"data.sample(n) must return {name} as a torch tensor, got {kind}")
+        if rows is not None and name == "x1" and not rows.is_floating_point():
+            raise TypeError(f"data.sample(n) must return x1 as floating point, got {rows.dtype}")
         if rows is not None and (not rows.ndim or len(rows) != n):
             got = tuple(rows.shape)
             raise ValueError(f"data.sample({n}) must return {n} rows of {name}, got shape {got}")

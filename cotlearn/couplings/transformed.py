@@ -50,7 +50,9 @@ class Transformed(Coupling):
     Args:
         coupling: the inner coupling; its `name`, traits and state are used. It must not use a
             network or a teacher, which expect the original x, nor label pairs by their source.
-        forward: maps x1 (B, d) and c (B, k) to the values that are paired, (B, d).
+        forward: maps x1 (B, d) and c (B, k) to the values that are paired, (B, d). The values of a
+            whole data set are kept, and computed anew when those of 256 of its rows change: a
+            forward that changes for a few rows only must be a new `Transformed`.
         inverse: maps noise (B, d) and c from the frame back; if None, noise is not transformed.
 
     Raises:

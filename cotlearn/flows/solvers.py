@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from torch import Tensor
 
 from cotlearn import validation
+from cotlearn.couplings.base import Source, draw_noise
 from cotlearn.flows.matching import Velocity, evaluate
 
 MOST_EVALUATIONS = 20_000  #: of dopri5
@@ -159,13 +160,17 @@ def _adaptive(field: Field, x0: Tensor) -> tuple[Tensor, list[Tensor]]:
     return torch.from_numpy(solved.t), [tensor(y) for y in solved.y.T]
 
 
-def sampler(velocity: Velocity, *, nfe: int, dim: int | None = None) -> Callable[..., Tensor]:
+def sampler(
+    velocity: Velocity, *, nfe: int, dim: int | None = None, source: Source | None = None
+) -> Callable[..., Tensor]:
     """Make a function (c, generator=None) -> samples that takes Euler steps from fresh noise.
 
     Args:
         velocity: the velocity field, called as velocity(t, x, c).
         nfe: Euler steps.
         dim: d; may be None if the velocity has an attribute `dim`.
+        source: draws the noise, `source(n, generator=g)`: that of the training; standard normal if
+            None.
 
     Returns:
         A function from c (n, k) to one sample per row, (n, d).
@@ -175,14 +180,16 @@ def sampler(velocity: Velocity, *, nfe: int, dim: int | None = None) -> Callable
     """
     validation.check_function(velocity, "velocity", "(t, x, c) -> v")
     validation.check_count(nfe, "nfe")
+    if source is not None:
+        validation.check_function(source, "source", "(n, generator) -> x0")
     size = getattr(velocity, "dim", None) if dim is None else validation.check_count(dim, "dim")
     if size is None:
         raise ValueError("dim is missing: the velocity has no attribute dim")
 
     def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         validation.check_generator(generator)
-        shape = len(validation.check_condition(c)), size
-        noise = torch.randn(shape, dtype=_dtype_of(velocity), generator=generator)
+        like = torch.empty(len(validation.check_condition(c)), size, dtype=_dtype_of(velocity))
+        noise = draw_noise(like, source, generator)
         return integrate(velocity, noise.to(c.device), c, nfe=nfe).x1
 
     return sample

@@ -221,6 +221,10 @@ def _check_parts(network: Any, data: Any, coupling: Any, loss: Any) -> None:
     validation.check_has(data, "data", wanted, "sample")
     validation.check_has(coupling, "coupling", "a coupling such as Independent()", "stream")
     validation.check_function(loss, "loss", "(network, pairs, generator) -> (B,)")
+    if isinstance(loss, type):
+        raise TypeError(f"loss must be a function or an object, got the class {loss.__name__}")
+    if any(nn.parameter.is_lazy(weight) for weight in network.parameters()):
+        raise ValueError("network has lazy layers, which have no weights yet: call it once before")
     if (weights := next(network.parameters(), None)) is None:
         raise ValueError("network has no parameters: there is nothing to train")
     if weights.dtype in (torch.float16, torch.bfloat16):

@@ -32,7 +32,7 @@ from cotlearn.flows import (
     training,
 )
 from cotlearn.flows.fingerprint import described
-from cotlearn.flows.one_step import MeanVelocity
+from cotlearn.flows.one_step import MeanFlow, MeanVelocity, Shortcut
 from cotlearn.flows.training import FitResult
 from cotlearn.metrics import squared_w2
 from cotlearn.mixtures import moving_modes, petals
@@ -51,6 +51,13 @@ def train(net=None, data=None, coupling=None, **options) -> FitResult:
         MinibatchOT() if coupling is None else coupling,
         **{**OPTIONS, **options},
     )
+
+
+class WholeNumbers:
+    """Data of a user that draw integers."""
+
+    def sample(self, n, generator=None):
+        return torch.zeros(n, 2, dtype=torch.long), torch.zeros(n, 4)
 
 
 def assert_same(first: FitResult, second: FitResult):
@@ -568,6 +575,11 @@ test_bad_input = refused(
     ({"net": lambda t, x, c: x}, TypeError, "network must be a torch.nn.Module, got <function"),
     ({"net": VelocityMLP}, TypeError, "network must be .* got <class .*VelocityMLP"),
     ({"net": nn.Identity()}, ValueError, "network has no parameters"),
+    ({"net": nn.LazyLinear(2)}, ValueError, "network has lazy layers"),
+    ({"loss": MeanFlow}, TypeError, "loss must be .* got the class MeanFlow"),
+    ({"loss": MeanFlow()}, TypeError, "network must be called as u.* got VelocityMLP"),
+    ({"loss": Shortcut()}, TypeError, "network must be called as u.* got VelocityMLP"),
+    ({"data": WholeNumbers()}, TypeError, r"must return x1 as floating point, got torch.int64"),
     ({"data": petals}, TypeError, "data must be .* with sample"),
     ({"data": torch.zeros(3, 2)}, TypeError, "data must be .* with sample"),
     ({"coupling": MinibatchOT}, TypeError, "coupling must .* got <class .*MinibatchOT"),

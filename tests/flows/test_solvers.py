@@ -201,6 +201,21 @@ def test_sampler_knows_the_dimension_of_a_network():
     assert sampler(VelocityMLP(3, 4), nfe=1)(torch.eye(4)).shape == (4, 3)
 
 
+def test_a_sampler_starts_from_the_noise_of_the_training():
+    def far(n, generator=None):
+        return 100 + torch.randn(n, 2, generator=generator)
+
+    def still(t, x, c):
+        return torch.zeros_like(x)
+
+    drawn = sampler(still, nfe=1, dim=2, source=far)(torch.zeros(500, 1), seeded())
+    assert torch.equal(drawn, far(500, seeded()))
+    with pytest.raises(ValueError, match=r"source\(n\) must have shape \(500, 3\)"):
+        sampler(still, nfe=1, dim=3, source=far)(torch.zeros(500, 1))
+    with pytest.raises(TypeError, match="source must be a function"):
+        sampler(still, nfe=1, dim=2, source="normal")
+
+
 def test_sampler_without_a_dimension():
     with pytest.raises(ValueError, match="dim is missing"):
         sampler(known, nfe=1)

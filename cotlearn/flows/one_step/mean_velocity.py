@@ -4,6 +4,7 @@ The mean velocity from time t to r >= t is u(x, t, r) = (x_r - x_t) / (r - t), a
 the flow that passes x at t.
 """
 
+import inspect
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -94,9 +95,11 @@ class MeanFlow:
         """The weighted squared error of each row, (B,).
 
         Raises:
-            TypeError: the network has a layer without forward-mode differentiation. (Attention by
-                torch's `scaled_dot_product_attention` has it: the target uses its plain kernel.)
+            TypeError: the network takes no length, or has a layer without forward-mode
+                differentiation. (Attention by torch's `scaled_dot_product_attention` has it: the
+                target uses its plain kernel.)
         """
+        _check_takes_lengths(network)
         t, length = _starts_and_lengths(self, pairs, generator)
         x, v = interpolate(pairs.x0, pairs.x1, t), pairs.x1 - pairs.x0
         jumps = length > 0
@@ -113,6 +116,16 @@ class MeanFlow:
         if self.prediction == "data":
             target = x + (1 - t[:, None]) * target
         return squared_error(network(t, x, pairs.c, length), target, self.power)
+
+
+def _check_takes_lengths(network: Any) -> None:
+    """Raise TypeError unless the network can be called as u(t, x, c, length)."""
+    try:
+        inspect.signature(getattr(network, "forward", network)).bind(*"txcl")
+    except TypeError as error:
+        kind = type(network).__name__
+        wanted = "called as u(t, x, c, length), as MeanVelocity(network) is"
+        raise TypeError(f"network must be {wanted}, got {kind}") from error
 
 
 def _starts_and_lengths(
@@ -146,7 +159,12 @@ class Shortcut:
         check_share(self.share, "share")
 
     def __call__(self, network: MeanVelocity, pairs: Pairs, generator: torch.Generator) -> Tensor:
-        """The squared error of each row, (B,)."""
+        """The squared error of each row, (B,).
+
+        Raises:
+            TypeError: the network takes no length.
+        """
+        _check_takes_lengths(network)
         level = torch.randint(LEVELS, (len(pairs),), generator=generator)
         long = 0.5 ** level.to(pairs.x0)
         place, drawn = torch.rand(2, len(pairs), generator=generator).to(pairs.x0).unbind()
