@@ -260,6 +260,8 @@ def said(error: BaseException) -> str:
         return "was interrupted"
     if isinstance(error, EOFError):
         return "waited for input, and nobody is there to type"
+    if "must match the size of tensor" in text:
+        text += ". Beside (n, d) a tensor of shape (n,), such as times t, is written t[:, None]"
     return f"raised {type(error).__name__}: {text[:300]}"
 
 

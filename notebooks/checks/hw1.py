@@ -103,6 +103,7 @@ def exact_velocity(g: Generator) -> Cases:
             "variances add with squared factors: (1 - t)² + t² s²": mean(variance=no_square),
             "a Gaussian's exponent is -|x - m|² / (2 variance): the 2 is missing": mean(two=1.0),
             "Cov(x1 - x0, x_t) is t s² - (1 - t): the noise enters with a minus": mean(sign=1.0),
+            "the softmax runs over the points; a point's components sum to 1": mean(over=0),
             "that is the mean of the m_k; add Cov / Var times (x - t m_k)": middle,
             "every component counts, not the nearest": each[rows, posterior[:, :, 0].argmax(1)],
         }
@@ -152,13 +153,15 @@ def _steps(
 def _mixture(t: float, x: Tensor, means: Tensor, s: float, **slip: float) -> tuple[Tensor, Tensor]:
     """The components' posterior (n, k, 1), and E[x1 - x0 | x_t, component] (n, k, d).
 
-    Typical mistakes: another `centre` of the components, `variance`, factor `two` or `sign`.
+    Typical mistakes: another `centre` of the components, `variance`, factor `two` or `sign`, or a
+    softmax `over` the points.
     """
     x, means = x.double(), means.double()
     var = slip.get("variance", (1 - t) ** 2 + t**2 * s**2)
     two, sign = slip.get("two", 2.0), slip.get("sign", -1.0)
     away = x[:, None] - slip.get("centre", t) * means
-    posterior = torch.softmax(-away.square().sum(2, keepdim=True) / (two * var), dim=1)
+    over = int(slip.get("over", 1))
+    posterior = torch.softmax(-away.square().sum(2, keepdim=True) / (two * var), dim=over)
     return posterior, means + (t * s**2 + sign * (1 - t)) / var * away
 
 

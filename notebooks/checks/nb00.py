@@ -22,7 +22,9 @@ _SELF_TEST: dict[str, tuple[Any, str]] = {
 def self_test(answer: Any) -> None:
     """Five short answers in a dict; an answer that is still `...` is not attempted."""
     if not isinstance(answer, dict) or answer.keys() != _SELF_TEST.keys():
-        raise NotYet(f"self_test must stay a dict with these keys: {', '.join(_SELF_TEST)}")
+        more = set(answer) - set(_SELF_TEST) if isinstance(answer, dict) else set()
+        also = f"; remove {', '.join(sorted(map(repr, more)))}" if more else ""
+        raise NotYet(f"self_test must stay a dict with these keys: {', '.join(_SELF_TEST)}{also}")
     left = [name for name in _SELF_TEST if answer[name] in (None, ...)]
     if len(left) == len(_SELF_TEST):
         raise NotImplementedError

@@ -56,6 +56,7 @@ MISTAKES = [
     ("00.self_test", {**ALL_RIGHT, "gradient": "twelve"}, "gradient"),
     ("00.self_test", [1, 2], "dict"),
     ("00.self_test", {**ALL_RIGHT, "grad": 12}, "these keys: shape, gradient"),
+    ("00.self_test", {**ALL_RIGHT, "grad": 12}, "remove 'grad'"),
     ("00.perfect_one_step", 1.44, "variance"),
     ("00.perfect_one_step", 1.2, "squared"),
     ("00.perfect_one_step", "1.565 or so", "number"),

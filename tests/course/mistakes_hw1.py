@@ -37,7 +37,7 @@ def mixture(t, x, means, s, *, centre=None, of_s=2, two=2, sign=-1, kind="softma
     var = (1 - t) ** 2 + t**of_s * s**2
     away = x[:, None] - (t if centre is None else centre) * means
     logs = -away.square().sum(2) / (two * var)
-    weights = torch.softmax(logs, 1)
+    weights = torch.softmax(logs, 0 if kind == "points" else 1)
     if kind == "equal":
         weights = torch.ones_like(weights) / len(means)
     if kind == "exp":
@@ -61,6 +61,7 @@ MISTAKES = [
     ("hw1.loss", loss_of(lambda a, b, t: b - a, lambda a, b, t: place(b, a, t)), "swapped"),
     ("hw1.loss", loss_of(lambda x0, x1, t: x1), "not the end"),
     ("hw1.loss", loss_of(place), "not the place"),
+    ("hw1.loss", loss_of(lambda a, b, t: b - a, lambda a, b, t: (1 - t) * a + t * b), "t[:, None]"),
     ("hw1.loss", lambda *a: errors(*a).square().mean(1), "do not average"),
     ("hw1.loss", lambda *a: errors(*a).square().sum(1) / 2, "no factor 1/2"),
     ("hw1.loss", torch.no_grad()(lambda *a: errors(*a).square().sum(1)), "no gradient reaches"),
@@ -85,6 +86,7 @@ MISTAKES = [
     ("hw1.exact_velocity", lambda *a: mixture(*a, kind="equal"), "not alike"),
     ("hw1.exact_velocity", lambda *a: mixture(*a, centre=1.0), "around t m_k"),
     ("hw1.exact_velocity", lambda *a: mixture(*a, sign=1), "enters with a minus"),
+    ("hw1.exact_velocity", lambda *a: mixture(*a, kind="points"), "runs over the points"),
     ("hw1.exact_velocity", lambda *a: mixture(*a, kind="exp"), "use softmax"),
     ("hw1.exact_velocity", lambda *a: mixture(*a, kind="nearest"), "not the nearest"),
     ("hw1.exact_velocity", lambda *a: mixture(*a, kind="flat"), "that is the mean of the m_k"),
