@@ -45,3 +45,30 @@ def test_without_the_floors_there_would_be_some():
     cost = ((x[:, None] - y[None]) ** 2).sum(2).astype(np.float32)
     kernel = np.exp(-(cost - cost.min(axis=0)) / (TEMPERATURE * cost.std()))
     assert slow(kernel**5) + slow(kernel**25) > 1000
+
+
+def test_the_first_kernel_is_an_exponential():
+    cost = np.random.default_rng(0).uniform(0, 60, (70, 70))
+    cost[:, 0] = 1e30
+    least = cost.min(axis=0)
+    kernel = np.empty((70, 70), np.float32)
+    annealing._start(kernel, cost, least, -1.0)
+    exact = np.exp(least - cost)
+    assert np.allclose(kernel, exact, rtol=0.05, atol=1e-10)
+    assert (kernel[:, 0] == 1).all()  # all of this column are equal
+    near = exact > np.exp(-8)
+    assert abs(kernel[near] / exact[near] - 1).max() < 2e-3
+    assert (kernel[exact < 1e-26] == 0).all()
+
+
+@pytest.mark.parametrize("rows", [65, 256, 400])
+def test_labels_leave_few_rows_to_the_search(rows):
+    """Where a condition splits a batch, the last temperature is that of a class, not of all."""
+    rng = np.random.default_rng(rows)
+    label, (x0, x1) = rng.integers(4, size=rows), rng.normal(size=(2, rows, 2))
+    apart = label[rng.permutation(rows)][:, None] != label
+    cost = ((x0[:, None] - x1) ** 2).sum(2) + 300.0 * apart
+    least, spread, near, _ = annealing.survey(cost)
+    u, v = annealing.potentials(cost, least, spread, near)
+    taken = np.unique((cost - u[:, None] - v).argmin(axis=1))
+    assert len(taken) > 0.7 * rows

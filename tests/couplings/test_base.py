@@ -11,6 +11,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.distance import cdist
 from support import joined, refused, same, seeded, take
 from torch.utils.data import DataLoader, IterableDataset
 
@@ -24,7 +25,7 @@ from cotlearn.couplings import (
     base,
 )
 from cotlearn.couplings.base import Match, Pairs, draw_noise
-from cotlearn.couplings.distances import squared_distances, to_numpy
+from cotlearn.couplings.distances import mean_distance, squared_distances, to_numpy
 from cotlearn.datasets import Dataset, unconditional
 from cotlearn.flows import VelocityMLP, fit
 from cotlearn.mixtures import petals
@@ -415,6 +416,16 @@ def test_rows_next_to_each_other_keep_their_digits(dim, near):
     expected = ((1e3 + x0)[:, None] - (1e3 + x1)[None]).square().sum(dim=2)
     assert np.allclose(found, expected, rtol=1e-9, atol=0)
     assert (squared_distances(x1, x1)[:near, :near] == 0).all()
+
+
+def test_distances_of_few_columns_are_those_of_scipy_bit_by_bit():
+    wide = torch.randn(9, 30, dtype=torch.float64, generator=seeded())
+    for x0, x1 in ((wide[:, :3], wide[4:, ::10]), (wide.T[:, :1], wide.T[:1, 5:6]), (wide, wide)):
+        x0, x1 = x0[:, :11], x1[:, :11]
+        found = squared_distances(x0, x1)
+        assert np.array_equal(found, cdist(x0, x1, "sqeuclidean"))
+        assert mean_distance(found) == pytest.approx(np.sqrt(found).mean(), rel=1e-12)
+    assert mean_distance(np.array([[1.0, np.inf]])) == np.inf
 
 
 def test_options_are_readable():
