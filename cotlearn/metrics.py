@@ -184,10 +184,10 @@ def straightness(
     """
     validation.check_function(velocity, "velocity", "(t, x, c) -> v")
     validation.check_inputs(velocity, x0, c, "x0")
-    path = [x0]
+    path = [x0.to(torch.promote_types(x0.dtype, torch.float32))]  # steps would be rounded away
     for step in range(STEPS):
         t = torch.tensor(step / STEPS, dtype=x0.dtype, device=x0.device)
-        v = evaluate(velocity, t, path[-1], c)
+        v = evaluate(velocity, t, path[-1].to(x0.dtype), c)
         path.append(path[-1] + 1 / STEPS * v)
     states = torch.stack(path).double()  # in single precision the square of 1e20 is infinite
     velocities = (states[1:] - states[:-1]) * STEPS

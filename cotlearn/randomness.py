@@ -40,5 +40,6 @@ def generator_for(seed: int, number: int, purpose: int = Purpose.ROWS) -> Genera
         number: of a batch, a step, a repetition.
         purpose: a `Purpose`; scripts may use integers of their own from 30 on.
     """
-    sequence = np.random.SeedSequence([seed % 2**64, number, int(purpose)])
+    low, high = seed % 2**32, seed % 2**64 >> 32  # as one number 7 * 2**32 + 5 would be (5, 7)
+    sequence = np.random.SeedSequence([low, number, int(purpose), high])
     return Generator().manual_seed(int(sequence.generate_state(1, np.uint64)[0]) >> 1)

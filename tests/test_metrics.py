@@ -117,6 +117,15 @@ def test_straightness_of_a_straight_field_is_zero():
     assert straightness(lambda t, x, c: torch.ones_like(x), x0) == pytest.approx(0, abs=1e-12)
 
 
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
+def test_straightness_far_from_0_in_few_digits(dtype):
+    def field(t, x, c):
+        return 3 * torch.sin(2 * torch.pi * t) * torch.ones_like(x)
+
+    x0 = (100 + torch.randn(20, 2, generator=seeded())).to(dtype)
+    assert straightness(field, x0) == pytest.approx(9, rel=0.01)
+
+
 def test_straightness_of_a_known_field():
     """v = (2 t, 0): the path is t^2, and int (2 t - 1)^2 dt = 1/3."""
 

@@ -8,11 +8,13 @@ from cotlearn.randomness import Purpose, generator_for
 
 
 def test_generators_differ_by_seed_number_and_purpose():
+    seeds = 0, 1, 5, 5 + 7 * 2**32, 2**40, -1
+    purposes = Purpose.ROWS, Purpose.LOSS
     drawn = {
         float(torch.rand(1, generator=generator_for(*key)))
-        for key in itertools.product((0, 1, 2**40, -1), (0, 1, 5), (Purpose.ROWS, Purpose.LOSS))
+        for key in itertools.product(seeds, (0, 1, 5, 7), purposes)
     }
-    assert len(drawn) == 4 * 3 * 2
+    assert len(drawn) == 6 * 4 * 2
 
 
 def test_a_stream_is_the_same_everywhere():

@@ -15,7 +15,14 @@ from torch import Tensor
 from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.couplings.base import Array, Coupling, Index, Match, Traits, is_ours, lent
-from cotlearn.couplings.distances import mean_distance, near_rows, squared_distances
+from cotlearn.couplings.distances import (
+    centred_products,
+    hides,
+    mean_distance,
+    near_rows,
+    pairing_cost,
+    squared_distances,
+)
 from cotlearn.couplings.unheeded import warn_if_one_column_rules, warn_if_unheeded
 from cotlearn.couplings.units import OwnUnits
 
@@ -71,6 +78,14 @@ class ConditionalOT(Coupling):
     )  #: names of rules that choose a weight for each batch
 
     def __post_init__(self) -> None:
+        self._check_options()
+        if self.label == "source":
+            self.traits = replace(self.traits, transformable=False)
+        if self.condition is not None:
+            validation.check_function(self.condition, "condition", "of c")
+
+    def _check_options(self) -> None:
+        """They may have been set since."""
         weight, name = self.condition_weight, "condition_weight"
         if isinstance(weight, str):
             also = "a number from 0 to math.inf, or "
@@ -78,10 +93,6 @@ class ConditionalOT(Coupling):
         else:
             self.condition_weight = validation.check_number(weight, name, infinite=True)
         validation.check_choice(self.label, "label", ("target", "source"))
-        if self.label == "source":
-            self.traits = replace(self.traits, transformable=False)
-        if self.condition is not None:
-            validation.check_function(self.condition, "condition", "of c")
 
     @classmethod
     def from_gamma(cls, gamma: float, **options: Any) -> ConditionalOT:
@@ -101,10 +112,11 @@ class ConditionalOT(Coupling):
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
         """Draw the conditions c0 of the noise, then pair (x0, c0) with (x1, c)."""
+        self._check_options()
         seen = self._seen_of(c)
         noise_condition_index = rng.permutation(len(x0))  # c0 = c[noise_condition_index]
         if self.condition_weight == math.inf:
-            cost = squared_distances(x0, x1)
+            cost = pairing_cost(x0, x1)
             source, target = _within_classes(cost, seen, noise_condition_index, rng)
         else:
             source = np.arange(len(x0))
@@ -170,14 +182,16 @@ class ConditionalOT(Coupling):
                 cost = squared_distances(c[torch.from_numpy(noise_condition_index)], c)
                 weight = self._checked_weight(sample_cost, cost, noise_condition_index)
                 cost *= weight
+                if hides(sample_cost, x0, x1):
+                    sample_cost = centred_products(x0, x1)
                 cost += sample_cost
-                mean = float(sample_cost.mean())
+                mean = float(abs(sample_cost).mean())
             else:  # the distance of the rows with sqrt(w) c appended: one matrix instead of three
                 weight = self.condition_weight
                 noise, data, c = (value.detach().cpu().double() for value in (x0, x1, c))
                 heavy = math.sqrt(weight) * c
                 joint = torch.cat([noise, heavy[noise_condition_index]], dim=1)
-                cost = squared_distances(joint, torch.cat([data, heavy], dim=1))
+                cost = pairing_cost(joint, torch.cat([data, heavy], dim=1))
                 centre = data.mean(dim=0)
                 mean = sum(float((x - centre).square().sum()) for x in (noise, data)) / len(data)
         largest = float(cost.max())

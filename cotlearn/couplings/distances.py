@@ -12,6 +12,7 @@ from cotlearn.couplings.compiled import compiled
 Array = NDArray[np.float64]
 
 MANY_DIMENSIONS = 12  #: columns from which a matrix product computes distances faster
+HIDDEN = 1e-9  #: rounding errors of distances, as a share of what decides a plan, that are too much
 LOST_DIGITS = 1e-6  #: share of the largest |a|^2 + |b|^2 below which the product loses digits
 
 
@@ -45,6 +46,29 @@ def squared_distances(first: Tensor, second: Tensor) -> Array:
             return distances
     summed: Array = _summed(np.ascontiguousarray(a), np.ascontiguousarray(b.T))
     return summed
+
+
+def pairing_cost(first: Tensor, second: Tensor) -> Array:
+    """A cost (n, n) with the exact plans of |a_i - b_j|^2: that, or one without its constants.
+
+    |a_i|^2 and |b_j|^2 change no plan, but where they are large, as of data far from 0, rounding
+    hides the rest: -2 (a_i - E a) (b_j - E b).
+    """
+    cost = squared_distances(first, second)
+    return centred_products(first, second) if hides(cost, first, second) else cost
+
+
+def hides(cost: Array, first: Tensor, second: Tensor) -> bool:
+    """Whether rounding of squared distances hides what decides their plans."""
+    scale = math.sqrt(to_numpy(first).var(axis=0).max() * to_numpy(second).var(axis=0).max())
+    return bool(np.finfo(np.float64).eps * cost.max() > HIDDEN * scale > 0)
+
+
+def centred_products(first: Tensor, second: Tensor) -> Array:
+    """-2 (a_i - E a) (b_j - E b), whose exact plans are those of squared distances."""
+    a, b = to_numpy(first), to_numpy(second)
+    products: Array = -2 * (a - a.mean(axis=0)) @ (b - b.mean(axis=0)).T
+    return products
 
 
 @compiled()

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from cotlearn.couplings.assignment import draw_pairs, exact_permutation, sinkhorn_plan
 from cotlearn.couplings.base import Coupling, Match, Traits
-from cotlearn.couplings.distances import squared_distances
+from cotlearn.couplings.distances import pairing_cost, squared_distances
 from cotlearn.validation import check_choice, check_positive
 
 
@@ -37,21 +37,26 @@ class MinibatchOT(Coupling):
     traits = Traits(uses_ot_batch=True)
 
     def __post_init__(self) -> None:
+        self._check_options()
+        self.regularization = check_positive(self.regularization, "regularization")
+
+    def _check_options(self) -> None:
+        """They may have been set since."""
         check_choice(self.plan, "plan", ("exact", "sinkhorn"))
         check_choice(self.sampling, "sampling", ("permutation", "replacement"))
-        self.regularization = check_positive(self.regularization, "regularization")
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Pair the batch by its plan."""
-        cost, rows = squared_distances(x0, x1), np.arange(len(x0))
+        self._check_options()
+        rows = np.arange(len(x0))
         if self.plan == "sinkhorn":
-            plan = sinkhorn_plan(cost, regularization=self.regularization)
+            plan = sinkhorn_plan(squared_distances(x0, x1), regularization=self.regularization)
             if self.sampling == "replacement":
-                return Match(*draw_pairs(plan, len(cost), rng))
+                return Match(*draw_pairs(plan, len(rows), rng))
             return Match(rows, exact_permutation(-plan))
-        columns = exact_permutation(cost)
+        columns = exact_permutation(pairing_cost(x0, x1))
         if self.sampling == "replacement":  # the plan is uniform over the pairs (i, columns[i])
-            rows = rng.integers(len(cost), size=len(cost))
+            rows = rng.integers(len(rows), size=len(rows))
         return Match(rows, columns[rows])
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:

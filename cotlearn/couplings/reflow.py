@@ -80,6 +80,8 @@ class FixedPairs(Independent):
 
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """Raise ValueError unless noise and data have the same number of rows."""
+        if source is not None:
+            raise ValueError("source must be None: FixedPairs have noise of their own")
         self._check_finite(data)
         check_same_rows(self.x0, "x0", data.x1, "x1 of the data")
 

@@ -18,7 +18,7 @@ from torch import Tensor
 from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.couplings.base import Coupling, Last, Match, Source, Traits, content_of
 from cotlearn.couplings.conditions import Clusters, KMeansCondition
-from cotlearn.couplings.distances import squared_distances, to_numpy
+from cotlearn.couplings.distances import pairing_cost, to_numpy
 from cotlearn.validation import check_count, counted
 
 Array = NDArray[Any]
@@ -107,7 +107,7 @@ class StratifiedOT(Coupling):
                 tiny[len(rows)].append(rows)
                 continue
             some = torch.from_numpy(rows)
-            target[rows] = rows[exact_permutation(squared_distances(x0[some], paired[some]))]
+            target[rows] = rows[exact_permutation(pairing_cost(x0[some], paired[some]))]
         for same_size in tiny.values():
             groups = np.array(same_size)
             target[groups] = _permuted(groups, to_numpy(x0), to_numpy(paired))

@@ -24,7 +24,8 @@ class StratifiedBatches(Independent):
     replacement until all have been drawn. So every data row is as likely as in `Independent`, and
     noise does not depend on the condition; but the rows of a batch are not independent.
 
-    A stream needs finite data (`.x1`, `.c` and `len`). A call on a batch makes no groups.
+    A stream needs finite data (`.x1`, `.c` and `len`), and keeps the strata that it began with, if
+    the data are refilled in place, too. A call on a batch makes no groups.
 
     Args:
         rows: of a group, and of a stratum on average, at least 2.
@@ -49,7 +50,7 @@ class StratifiedBatches(Independent):
         self._label = torch.zeros(0, dtype=torch.long)
 
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
-        """Find the strata of the data."""
+        """Find the strata of the data, as they are when the stream begins."""
         self._check_finite(data)
         self._check_condition(data.c, data.x1, "x1 of the data")
         clusters = self.clusters

@@ -25,7 +25,8 @@ FAR = 16.0  #: spreads from the median beyond which distances grow like logarith
 SEVERAL = 6.0  #: spreads of the typical difference above which a column has several scales
 KNOTS = 4096  #: most values of a column whose ranks are kept
 PAIRS = 1024  #: random pairs of rows whose differences measure a spread
-ROUNDING = 8  #: units in the last place below which values count as equal
+ROUNDING = 8, 2  #: units in the last place below which values count as equal; in a narrow column
+NARROW = 128  #: units in the last place up to which the reach of a column is narrow
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,10 @@ class OwnUnits:
     many sentinels, powers of ten. Its typical difference would be many spreads, so that it would
     outweigh the others. Such a column is replaced by twice the mid-rank of its values, from 0 to 2,
     in which two values differ by 1 as well.
+
+    Values that differ by rounding count as equal: by 8 units in the last place, and by 2 in a
+    column whose values lie within 128 of them, as 0.95 and 1 do in bfloat16. Whole numbers are
+    exact.
 
     Attributes:
         centre: (k,), the median of each column; float64.
@@ -65,12 +70,15 @@ class OwnUnits:
     def _measured(cls, values: Array, dtype: torch.dtype) -> OwnUnits:
         """In NumPy: a batch is small, and each call of torch takes longer than its work."""
         first, second = values[_pairs(len(values))]  # each (pairs, k)
-        rounding = ROUNDING * torch.finfo(dtype).eps
+        reach, largest = np.ptp(values, axis=0), np.abs(values).max(axis=0)
+        eps = torch.finfo(dtype).eps
+        whole, narrow = (values == np.rint(values)).all(axis=0), reach <= NARROW * eps * largest
+        rounding = np.where(whole, 0.0, eps * np.where(narrow, *ROUNDING[::-1]))
         unequal, size = np.abs(first - second), np.maximum(np.abs(first), np.abs(second))
         differ = unequal > rounding * np.maximum(size, _median(size, size > 0))
         usual = np.exp(_mean(np.log(np.where(differ, unequal, 1.0)), differ))
-        reach = np.ptp(values, axis=0)  # if no pair met the few unequal rows
-        reach = np.where(reach > rounding * np.abs(values).max(axis=0), reach, 0.0)
+        # if no pair met the few unequal rows
+        reach = np.where(reach > rounding * largest, reach, 0.0)
         spread = np.where(differ.any(axis=0), usual, reach)
         centre = _median(first, np.isfinite(first))
         apart = _near(_scaled(first, centre, spread)) - _near(_scaled(second, centre, spread))
@@ -99,6 +107,8 @@ class OwnUnits:
 
     def _spreads_away(self, c: Tensor) -> Array:
         """The columns of c (n, k), in spreads from their median."""
+        if c.shape[-1] != len(self.centre):
+            raise ValueError(f"c has {c.shape[-1]} columns, expected {len(self.centre)}")
         return _scaled(to_numpy(c), self.centre.numpy(), self.spread.numpy())
 
     def _with_ranks(self, c: Tensor, near: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from cotlearn.couplings.base import Array
-from cotlearn.couplings.units import TamedStandardiser
+from cotlearn.couplings.units import Mask, TamedStandardiser
 
 FEATURES = 150  #: radial functions of c, at most half of the rows
 WIDTHS = 0.1, 1.0  #: of the radial functions: gamma times the number of columns
@@ -59,6 +59,7 @@ def ridge(x1: Array, c: Array, *, seed: int = 0) -> Predictor:
     from sklearn.kernel_approximation import Nystroem  # late: they take a second
     from sklearn.linear_model import RidgeCV
 
+    c, varies = _varying(c)
     scaler = TamedStandardiser.fit(c)
     places = scaler(c)
     size = min(FEATURES, len(c) // 2)
@@ -71,7 +72,7 @@ def ridge(x1: Array, c: Array, *, seed: int = 0) -> Predictor:
     _, radial, model = max(fitted, key=lambda one: one[0])
 
     def predict(new: Array) -> Array:
-        places = scaler(new)
+        places = scaler(new[:, varies])
         features = np.hstack([places, radial.transform(places)])
         return model.predict(features).reshape(len(new), -1)
 
@@ -89,12 +90,20 @@ def network(x1: Array, c: Array, *, seed: int = 0) -> Predictor:
     from sklearn.exceptions import ConvergenceWarning  # late: they take a second
     from sklearn.neural_network import MLPRegressor
 
+    c, varies = _varying(c)
     scaler, middle = TamedStandardiser.fit(c), x1.mean(axis=0)
-    size = float(x1.std()) or 1.0
+    size = float(np.sqrt(x1.var(axis=0).mean())) or 1.0
     options: dict[str, Any] = {"hidden_layer_sizes": LAYERS, "alpha": PENALTY, "batch_size": BATCH}
     options |= {"early_stopping": True, "learning_rate_init": 3e-3, "random_state": seed}
     model = MLPRegressor(**options)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # 200 epochs are enough
         model.fit(scaler(c), ((x1 - middle) / size).squeeze())
-    return lambda new: middle + size * model.predict(scaler(new)).reshape(len(new), -1)
+    return lambda new: middle + size * model.predict(scaler(new[:, varies])).reshape(len(new), -1)
+
+
+def _varying(c: Array) -> tuple[Array, Mask]:
+    """The columns that vary, and which they are: of others alone the first, so that one is left."""
+    varies = np.ptp(c, axis=0) > 0
+    varies[0] |= not varies.any()
+    return c[:, varies], varies

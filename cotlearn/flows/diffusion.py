@@ -122,8 +122,9 @@ class Diffusion:
             c: (B, k), or None.
             nfe: evaluations of the network, at most N.
             spacing: "leading": levels 0, s, 2s, ... with s = floor(N / nfe), the default of
-                Diffusion Policy's; "trailing": N - 1, N - 1 - N / nfe, ..., which starts where
-                there is only noise (2305.08891, with zero_terminal_snr).
+                Diffusion Policy's; with nfe = 1 it is level 0 alone, where x counts as data, so
+                that the noise comes back. "trailing": N - 1, N - 1 - N / nfe, ..., which starts
+                where there is only noise (2305.08891, with zero_terminal_snr).
         """
         validation.check_inputs(network, x, c)
         levels = self.ddim_levels(nfe, spacing)

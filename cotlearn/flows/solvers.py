@@ -109,7 +109,8 @@ def integrate(
                 f"dopri5 stopped at t = {t:.4g} after {MOST_EVALUATIONS} evaluations: the field is "
                 "stiff there; use a method with fixed steps"
             )
-        return evaluate(velocity, torch.tensor(t, dtype=x.dtype, device=x.device), x, c)
+        time = torch.tensor(t, dtype=x0.dtype, device=x.device)
+        return evaluate(velocity, time, x.to(x0.dtype), c)
 
     if validation.check_choice(method, "method", METHODS) == "dopri5":
         if nfe is not None:
@@ -122,10 +123,12 @@ def integrate(
         steps, rest = divmod(validation.check_count(nfe, "nfe"), per_step)
         if rest:
             raise ValueError(f"nfe must be divisible by {per_step} for {method}, got {nfe}")
-        times, states = torch.arange(steps + 1) / steps, [x0]
+        wide = torch.promote_types(x0.dtype, torch.float32)  # small steps would be rounded away
+        times, states = torch.arange(steps + 1) / steps, [x0.to(wide)]
         for step in range(steps):
             after = one_step(field, step / steps, 1 / steps, states[-1])
             states = [*states, after] if trajectory else [after]
+        states = [state.to(x0.dtype) for state in states]
         _check_end(states[-1], f"{method} with nfe={nfe}")
     return Solution(states[-1], evaluations, times, torch.stack(states) if trajectory else None)
 

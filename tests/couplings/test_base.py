@@ -428,6 +428,40 @@ def test_distances_of_few_columns_are_those_of_scipy_bit_by_bit():
     assert mean_distance(np.array([[1.0, np.inf]])) == np.inf
 
 
+@pytest.mark.filterwarnings("ignore:condition_weight", "ignore:costs up to")
+@pytest.mark.parametrize("scale", [1e-16, 1e-4, 1e4, 1e16])
+@pytest.mark.parametrize("far", [0.0, 1e4, 1.7e9])
+@pytest.mark.parametrize(
+    "coupling",
+    [MinibatchOT(), ConditionalOT(), ConditionalOT(math.inf), StratifiedOT()],
+    ids=repr,
+)
+def test_a_plan_is_the_same_for_data_far_from_0_and_in_other_units(coupling, far, scale):
+    x0, z = torch.randn(2, 96, 3, dtype=torch.float64, generator=seeded())
+    c = torch.eye(3, dtype=torch.float64)[torch.arange(96) % 3]
+    x1 = z.clone()
+    x1[:, 0] = x1[:, 0] + (far if scale == 1e4 else 0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # strata of a batch
+        plain, moved = (coupling(x0, data, c, generator=seeded(1)) for data in (z, x1 * scale))
+    gain = [float((p.x0 * z[p.target_index]).sum(dim=1).mean()) for p in (plain, moved)]
+    assert gain[1] == pytest.approx(gain[0], rel=1e-5)
+
+
+def test_options_that_were_set_later_are_checked():
+    x0, x1, c = batch(16)
+    for coupling, option, value in (
+        (MinibatchOT(), "plan", "Sinkhorn"),
+        (MinibatchOT(), "sampling", "all"),
+        (ConditionalOT(), "condition_weight", "blanced"),
+        (ConditionalOT(), "condition_weight", -1.0),
+        (ConditionalOT(), "label", "sorce"),
+    ):
+        setattr(coupling, option, value)
+        with pytest.raises(ValueError, match=f"{option} must be"):
+            coupling(x0, x1, c)
+
+
 def test_options_are_readable():
     assert repr(Independent()) == "Independent()"
     assert repr(MinibatchOT()) == (

@@ -104,6 +104,8 @@ def test_fixed_pairs_take_no_other_noise():
     for noise in (-z, z[:4]):
         with pytest.raises(ValueError, match="x0 must be the noise of these FixedPairs"):
             FixedPairs(z)(noise, x1[: len(noise)], c[: len(noise)])
+    with pytest.raises(ValueError, match="source must be None: FixedPairs have noise of their own"):
+        next(FixedPairs(z).stream(Dataset(x1, c), batch_size=4, source=torch.randn))
 
 
 def test_fixed_pairs_keep_their_noise_when_a_buffer_is_refilled():

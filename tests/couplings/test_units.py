@@ -111,6 +111,36 @@ def test_a_spread_is_robust_and_a_constant_column_stays_one():
     assert OwnUnits.fit(rare).spread.item() == 5
 
 
+NARROW = {
+    "a gripper in bfloat16": (torch.bfloat16, 0.95, 1.0),
+    "labels in bfloat16": (torch.bfloat16, 20, 21),
+    "labels in float16": (torch.float16, 1000, 1001),
+    "large labels in float16": (torch.float16, 2046, 2047),
+    "half a unit in a million": (torch.float32, 1e6, 1e6 + 0.5),
+    "unix times": (torch.float32, 1_700_000_000, 1_700_000_000 + 1500),
+}
+
+
+@pytest.mark.parametrize(("dtype", "low", "high"), NARROW.values(), ids=NARROW)
+def test_a_column_is_heeded_in_few_digits_too(dtype, low, high):
+    up = torch.arange(512) % 2 == 1
+    x0, x1 = torch.randn(2, 512, 2, generator=seeded())
+    x1 = 0.3 * x1 + 3 * torch.where(up, 1.0, -1.0)[:, None]
+    value = torch.where(up, torch.tensor(high), torch.tensor(low)).to(dtype)
+    c = torch.stack([torch.randn(512, generator=seeded(1)).to(dtype), value], dim=1)
+    pairs = ConditionalOT()(x0, x1, c, generator=seeded(2))
+    above = pairs.c[:, 1] == value.max()
+    assert 200 < above.sum() < 300
+    assert abs(float(pairs.x0[above].mean() - pairs.x0[~above].mean())) < 0.3  # 1.4 if unheeded
+
+
+def test_units_are_those_of_their_columns():
+    units = OwnUnits.fit(torch.randn(50, 3, generator=seeded()))
+    for k in (1, 2, 4):
+        with pytest.raises(ValueError, match=f"c has {k} columns, expected 3"):
+            units(torch.zeros(5, k))
+
+
 def test_far_values_come_near_and_none_merge():
     c = torch.cat([torch.randn(300, 1, generator=seeded()), torch.tensor([[1e4], [1e6], [-1e6]])])
     units = OwnUnits.fit(c)

@@ -201,6 +201,15 @@ def test_sampler_knows_the_dimension_of_a_network():
     assert sampler(VelocityMLP(3, 4), nfe=1)(torch.eye(4)).shape == (4, 3)
 
 
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
+@pytest.mark.parametrize(("method", "nfe"), [("euler", 2000), ("midpoint", 1000), ("rk4", 400)])
+def test_small_steps_are_not_rounded_away(dtype, method, nfe):
+    x0 = torch.ones(4, 2, dtype=dtype)
+    found = integrate(lambda t, x, c: torch.ones_like(x), x0, nfe=nfe, method=method)
+    assert found.x1.dtype == dtype
+    assert (found.x1 == 2).all()
+
+
 def test_a_sampler_starts_from_the_noise_of_the_training():
     def far(n, generator=None):
         return 100 + torch.randn(n, 2, generator=generator)
