@@ -100,6 +100,8 @@ export function mount(parent, { style, columns, link }) {
   const figure = make("figure", {}, make("figcaption", {}, "Success against evaluations"));
   parent.append(figure);
   const chart = new Plane(figure, "Success against evaluations", 0.42);
+  const names = make("ul", { class: "names" }); // where the chart is too narrow for them
+  figure.append(names);
   const table = make("table");
   parent.append(make("div", { class: "scroll", tabindex: 0, "aria-label": "Table" }, table));
   const more = button(parent, "Show more rows", () => {
@@ -209,8 +211,13 @@ export function mount(parent, { style, columns, link }) {
     const last = (curve) => curve.at(-1)[1];
     const sorted = [...handle.curves].sort((a, b) => last(b[1]) - last(a[1]));
     let above = -Infinity;
+    names.replaceChildren();
     sorted.forEach(([method, curve], place) => {
       const color = chart.shade(style.looks[method]?.color ?? "#777777");
+      if (!wide) {
+        const percent = `${Math.round(100 * last(curve))} %`;
+        names.append(make("li", { style: `border-color: ${color}` }, `${label(method)}, ${percent}`));
+      }
       chart.line(curve.map(([nfe, mean]) => [log(nfe), mean]), color, 2, 0.85);
       for (const [nfe, mean] of curve) chart.dot(log(nfe), mean, 3.5, color);
       if (!wide || place >= 2 * NAMED) return;

@@ -297,6 +297,7 @@ export function mount(parent, { style, mixtures, networks, link }) {
     chart.text("truth against truth", -0.2, log(floor), { align: "left", dy: 11 });
     const { conditional_ot, independent, minibatch_ot } = style.looks;
     const looks = { independent, 0: minibatch_ot };
+    const named = []; // heights at which a curve's name stands
     for (const pairs of new Set(["independent", "0", state.pairs])) {
       const errors = of(pairs);
       if (!errors) continue;
@@ -306,7 +307,10 @@ export function mount(parent, { style, mixtures, networks, link }) {
       chart.line(errors.map((error, i) => [i, log(error)]), tint, mine ? 3 : 1.5);
       errors.forEach((error, i) => chart.dot(i, log(error), mine ? 4 : 2.5, tint));
       const label = pairs in looks ? look.label : weightWords(Number(finite(pairs)));
-      chart.text(label, STEPS.length - 1, log(errors.at(-1)), { color: tint, align: "right", dy: -11, bold: mine });
+      const end = chart.y(log(errors.at(-1)));
+      const dy = named.some((y) => Math.abs(y - end + 11) < 14) ? 14 : -11;
+      named.push(end + dy);
+      chart.text(label, STEPS.length - 1, log(errors.at(-1)), { color: tint, align: "right", dy, bold: mine });
     }
     const now = of(state.pairs);
     if (now) {

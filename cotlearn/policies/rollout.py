@@ -99,7 +99,7 @@ def rollout(
         ValueError: the policy's actions have a wrong shape, are out of range or not finite.
         KeyboardInterrupt: Ctrl-C was pressed.
     """
-    check_has(policy, "policy", "a policy such as ChunkPolicy", "windows", "act")
+    check_has(policy, "policy", "a policy such as ChunkPolicy", "windows", "execute", "act")
     check_count(policy.execute, "policy.execute")
     task = policy.windows.task
     max_steps = check_count(task.max_steps if max_steps is None else max_steps, "max_steps")

@@ -163,6 +163,20 @@ def test_a_filter_returns_the_rows_that_pandas_returns(opened):
     assert seeds == sorted(seeds, reverse=True)
 
 
+def test_on_a_phone_the_names_of_the_curves_stand_below_them(opened):
+    page = opened("#task=push-t&nfe=1", viewport=PHONE)
+    page.evaluate("cotlearn_play.page.open('results')")
+    page.wait_for_selector("#results .names li")
+    names = page.locator("#results .names li").all_inner_texts()
+    assert len(names) == int(page.evaluate(
+        "cotlearn_play.page.mounted.results.then((p) => p.curves.size)"
+    ))
+    assert len(set(names)) == len(names) > 5
+    assert any(name.startswith("naive OT, ") for name in names)
+    page.set_viewport_size({"width": 1200, "height": 800})
+    page.wait_for_function("!document.querySelector('#results .names li')")
+
+
 @pytest.mark.parametrize("data", ["petals", "moving_modes", "rotating_pair"])
 def test_what_the_errors_say(opened, data):
     page = opened(f"#samples.data={data}")
