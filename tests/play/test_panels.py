@@ -168,9 +168,9 @@ def test_on_a_phone_the_names_of_the_curves_stand_below_them(opened):
     page.evaluate("cotlearn_play.page.open('results')")
     page.wait_for_selector("#results .names li")
     names = page.locator("#results .names li").all_inner_texts()
-    assert len(names) == int(page.evaluate(
-        "cotlearn_play.page.mounted.results.then((p) => p.curves.size)"
-    ))
+    assert len(names) == int(
+        page.evaluate("cotlearn_play.page.mounted.results.then((p) => p.curves.size)")
+    )
     assert len(set(names)) == len(names) > 5
     assert any(name.startswith("naive OT, ") for name in names)
     page.set_viewport_size({"width": 1200, "height": 800})
