@@ -1,9 +1,15 @@
 """The checks of notebook 14."""
 
+from typing import Any
+
 import numpy as np
 import torch
 
-from .common import Case, Cases, table
+from cotlearn.course.checking import NotYet, exercise
+
+from .common import Array, Case, Cases, array, call, table
+
+TAILS = 0.025, 0.975
 
 
 @table("14.look_up")
@@ -24,30 +30,58 @@ def look_up(g: torch.Generator) -> Cases:
         yield Case((c, seen, chunks), chunks[far.argmin(dim=1)], wrong, what="the chunks")
 
 
-@table("14.paired_error")
-def paired_error(g: torch.Generator) -> Cases:
-    """The standard error over episodes of a mean difference, averaged over networks first."""
-    for networks, n in ((3, 40), (2, 25)):
-        easy = torch.rand(n, generator=g)
-        ours, theirs = (
-            (torch.rand(networks, n, generator=g) < easy).double().numpy() for _ in range(2)
-        )
-        apart = ours - theirs
-        one = apart.mean(axis=0)
-        right = one.std(ddof=1) / n**0.5
-        alone = np.hypot(*(x.mean(axis=0).std(ddof=1) / n**0.5 for x in (ours, theirs)))
-        wrong = {
-            "take the difference in each episode first: some are hard for both methods": alone,
-            "networks share their episodes: take the mean over networks first": apart.std(ddof=1)
-            / apart.size**0.5,
-            "that is the spread of one episode; the mean of n has a smaller error": one.std(ddof=1),
-            "divide by the root of the number of episodes": one.std(ddof=1) / n,
-            "that is the error over networks, not over episodes": apart.mean(axis=1).std(ddof=1)
-            / networks**0.5,
-            "the deviation of a sample divides by n - 1": one.std() / n**0.5,
-            "that is the mean difference, not its error": one.mean(),
-        }
-        yield Case((ours, theirs), right, wrong)
+@exercise("14.interval")
+def interval(answer: Any) -> None:
+    """The 95 % interval of a mean difference: networks and episodes are drawn anew, both."""
+    rng = np.random.default_rng(14)
+    for networks, n, spread in ((3, 40, 0.02), (4, 120, 0.25)):  # episodes count more, networks do
+        able = 0.5 + spread * np.linspace(-1, 1, networks)[:, None]
+        hard = rng.uniform(-0.6, 0.6, n)
+        ours = (rng.random((networks, n)) < able + hard).astype(float)
+        theirs = (rng.random((networks, n)) < 0.4 + hard).astype(float)
+        given = ours.copy(), theirs.copy()
+        low, high = array(call(answer, *given), (2,), "the interval")
+        if not (np.array_equal(given[0], ours) and np.array_equal(given[1], theirs)):
+            raise NotYet("the answer changed its inputs: work on a copy")
+        _judge(float(low), float(high), ours, theirs)
+
+
+def _judge(low: float, high: float, ours: Array, theirs: Array) -> None:
+    apart = ours - theirs
+    wanted = _ends(apart)
+    width, middle = wanted[1] - wanted[0], apart.mean()
+    if abs(low - wanted[0]) < 0.12 * width and abs(high - wanted[1]) < 0.12 * width:
+        return
+    if low > high:
+        raise NotYet("the lower end comes first")
+    if abs(low + wanted[1]) < 0.12 * width and abs(high + wanted[0]) < 0.12 * width:
+        raise NotYet("take ours minus theirs, not theirs minus ours")
+    own = np.subtract(*(_ends(x) for x in (ours, theirs)))
+    kinds = {
+        "that draws episodes alone: draw the networks anew, too": _ends(apart, networks=False),
+        "that draws networks alone: draw the episodes anew, too": _ends(apart, episodes=False),
+        "that is where single differences lie: take the mean in each draw": np.quantile(
+            apart, TAILS
+        ),
+        "both methods have the same episodes: draw them once for both": middle
+        + np.array([-0.5, 0.5]) * np.hypot(*(np.diff(_ends(x))[0] for x in (ours, theirs))),
+        "take the quantiles of the differences, not differences of quantiles": own,
+    }
+    for hint, (left, right) in kinds.items():
+        if abs(low - left) < 0.06 * width and abs(high - right) < 0.06 * width:
+            raise NotYet(hint)
+    got = f"got {low:.3f} to {high:.3f}, expected about {wanted[0]:.3f} to {wanted[1]:.3f}"
+    raise NotYet(f"{got}: the 2.5 % and 97.5 % quantiles of 2,000 means")
+
+
+def _ends(apart: Array, *, networks: bool = True, episodes: bool = True) -> Array:
+    """The ends of a bootstrap interval of the mean (m, n)."""
+    rng, (m, n), means = np.random.default_rng(0), apart.shape, []
+    for _ in range(4000):
+        rows = rng.integers(m, size=m) if networks else np.arange(m)
+        columns = rng.integers(n, size=n) if episodes else np.arange(n)
+        means.append(apart[np.ix_(rows, columns)].mean())
+    return np.quantile(means, TAILS)
 
 
 @table("14.balance")

@@ -1,7 +1,9 @@
 """Wrong answers to the exercises of notebooks 13 and 14, words of their hints, right ones."""
 
+import numpy as np
 import torch
-from scipy.stats import sem
+
+from cotlearn.metrics import paired_bootstrap
 
 
 def end(x, t, r, a):
@@ -87,17 +89,21 @@ def one_by_one(c, seen, chunks):
     return torch.stack([chunks[(seen - one).square().sum(dim=1).argmin()] for one in c])
 
 
-def paired_error(ours, theirs, *, axis=0, ddof=1):
-    one = (ours - theirs).mean(axis=axis)
-    return one.std(ddof=ddof) / len(one) ** 0.5
+def interval(ours, theirs, *, networks=True, episodes=True, paired=True, draws=2000, seed=3):
+    rng, (m, n) = np.random.default_rng(seed), ours.shape
+    means = []
+    for _ in range(draws):
+        rows = rng.integers(m, size=m) if networks else slice(None)
+        columns = rng.integers(n, size=n) if episodes else slice(None)
+        one = ours[rows][:, columns]
+        if not paired:
+            rows, columns = rng.integers(m, size=m), rng.integers(n, size=n)
+        means.append(one.mean() - theirs[rows][:, columns].mean())
+    return np.quantile(means, [0.025, 0.975])
 
 
-def unpaired(ours, theirs):
-    return sum(x.mean(axis=0).var(ddof=1) / x.shape[1] for x in (ours, theirs)) ** 0.5
-
-
-def with_scipy(ours, theirs):
-    return sem(ours.mean(axis=0) - theirs.mean(axis=0))
+def with_library(ours, theirs):
+    return paired_bootstrap(ours, theirs)[1:]
 
 
 def smaller(left):
@@ -121,15 +127,16 @@ MISTAKES += [
     ("14.look_up", lambda c, seen, chunks: chunks.mean(0).expand(len(c), -1), "not the mean"),
     ("14.look_up", lambda c, seen, chunks: torch.cdist(c, seen).argmin(dim=1), "shape"),
     ("14.look_up", 5, "expected a function"),
-    ("14.paired_error", unpaired, "some are hard for both"),
-    ("14.paired_error", lambda a, b: sem((a - b).ravel()), "over networks first"),
-    ("14.paired_error", lambda a, b: (a - b).mean(axis=0).std(ddof=1), "a smaller error"),
-    ("14.paired_error", lambda a, b: paired_error(a, b) / a.shape[1] ** 0.5, "divide by the root"),
-    ("14.paired_error", lambda a, b: paired_error(a, b, axis=1), "over networks, not"),
-    ("14.paired_error", lambda a, b: paired_error(a, b, ddof=0), "n - 1"),
-    ("14.paired_error", lambda a, b: (a - b).mean(), "not its error"),
-    ("14.paired_error", lambda a, b: paired_error(a, b) * 2, "expected"),
-    ("14.paired_error", 5, "expected a function"),
+    ("14.interval", lambda a, b: interval(a, b, networks=False), "draws episodes alone"),
+    ("14.interval", lambda a, b: interval(a, b, episodes=False), "draws networks alone"),
+    ("14.interval", lambda a, b: interval(a, b, paired=False), "draw them once for both"),
+    ("14.interval", lambda a, b: interval(b, a), "ours minus theirs"),
+    ("14.interval", lambda a, b: interval(a, b)[::-1], "the lower end comes first"),
+    ("14.interval", lambda a, b: np.quantile(a - b, [0.025, 0.975]), "the mean in each draw"),
+    ("14.interval", lambda a, b: (a - b).mean(), "must have shape"),
+    ("14.interval", lambda a, b: 2 * interval(a, b), "expected about"),
+    ("14.interval", lambda a, b: (a.sort(axis=1), interval(a, b))[1], "changed its inputs"),
+    ("14.interval", 5, "expected a function"),
     ("14.balance", pooled, "would look balanced"),
     ("14.balance", lambda left: 1 - balance(left), "the more frequent way"),
     ("14.balance", lambda left: float(left.double().mean()), "that goes left"),
@@ -141,8 +148,8 @@ MISTAKES += [
 RIGHT += [
     ("14.look_up", look_up),
     ("14.look_up", one_by_one),
-    ("14.paired_error", paired_error),
-    ("14.paired_error", with_scipy),
+    ("14.interval", interval),
+    ("14.interval", with_library),
     ("14.balance", balance),
     ("14.balance", lambda left: sum(min(r.sum(), (~r).sum()) / len(r) for r in left) / len(left)),
 ]
