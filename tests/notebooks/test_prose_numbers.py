@@ -22,8 +22,11 @@ GIVEN = {
         "0.95": "the coverage of a success",
     },
     "12_your_data": {"2.8": "a quantile of the normal distribution, after Bonferroni"},
-    "14_human_demonstrations": {"2.5": "a tail of a 95 % interval", "97.5": "the other one"},
-    "14_human_demonstrations": {".86": "scores in other papers"},
+    "14_human_demonstrations": {
+        "2.5": "a tail of a 95 % interval",
+        "97.5": "the other one",
+        ".86": "scores in other papers",
+    },
     "01_source_guided_flow_matching": {".124": "the paper", ".067": "the paper"},
     "02_variational_rectified_flow_matching": {"1.44": "bits in a nat", "0.69": "ln 2"},
     "04_streams_by_gaussian_processes": {"0.42": "1 - 0.58"},
