@@ -109,6 +109,19 @@ def test_imports_are_folded(cells):
         assert folded(cells[i]), f"cell {i} is not folded: {AS_IN_02} of its imports"
 
 
+def test_an_answer_that_is_wrong_stops_no_later_cell(cells, extra):
+    """A wrong function met a simulator, whose traceback ended "Run All"."""
+    if extra:
+        pytest.skip("what an extra asks for, its own cell judges")
+    stubs = [cells[i].source for i in tagged(cells, "exercise")]
+    names = [name for stub in stubs for name in re.findall(r"^def (\w+)", stub, re.MULTILINE)]
+    for number, cell in code(cells):
+        for name in names:
+            calls = re.findall(rf"^.*\b{name}\(.*$", cell.source, re.MULTILINE)
+            own = f"def {name}(" in cell.source  # the stub, or the course's own answer
+            assert own or not calls or "except Exception" in cell.source, f"cell {number}: {calls}"
+
+
 def test_exercises(cells, extra):
     stubs = tagged(cells, "exercise")
     turns = [c for c in cells if c.cell_type == "markdown" and "### Your turn" in prose(c)]
