@@ -68,6 +68,7 @@ def test_one_condition_and_constant_data():
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_shifts_of_the_data_and_constant_columns_of_the_condition_change_nothing():
     c = torch.randn(600, 3, generator=seeded())
     x1 = torch.stack([torch.sin(2 * c[:, 0]), torch.cos(2 * c[:, 1])], dim=1)
