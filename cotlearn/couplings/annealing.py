@@ -118,7 +118,7 @@ def potentials(cost: Array, least: Array, spread: float, near: float) -> tuple[A
 def _start(kernel: Single, cost: Array, least: Array, per_unit: float) -> None:
     """The kernel at the first temperature, in place.
 
-    An exponential would take as long as all steps. Here exp(x) is (1 + x/256 + (x/256)^2 / 2)^256,
+    An exponential would take a third of the time. Here exp(x) is (1 + x/256 + (x/256)^2 / 2)^256,
     by eight squarings: .3 % off at x = -10.
     """
     n = len(cost)
@@ -164,7 +164,7 @@ def _relaxed(scaling: np.float32, product: np.float32) -> np.float32:
     """The scaling moved towards 1 / product, and beyond it by over-relaxation of 1.375.
 
     A step may be over-relaxed by a power from 1 to 2 (Thibault 1711.01851). This one needs square
-    roots only: a general power would take a third of the time of all steps.
+    roots only: a general power would take a quarter of the time.
     """
     ratio = scaling * product + LEAST
     quarter = math.sqrt(math.sqrt(ratio))

@@ -25,8 +25,9 @@ FAR = 16.0  #: spreads from the median beyond which distances grow like logarith
 SEVERAL = 6.0  #: spreads of the typical difference above which a column has several scales
 KNOTS = 4096  #: most values of a column whose ranks are kept
 PAIRS = 1024  #: random pairs of rows whose differences measure a spread
-ROUNDING = 8, 2  #: units in the last place below which values count as equal; in a narrow column
-NARROW = 128  #: units in the last place up to which the reach of a column is narrow
+ROUNDING = 8  #: units in the last place below which values count as equal
+ROUNDING_NEAR = 2  #: the same in a column whose values lie near each other
+NEAR = 128  #: units in the last place within which they do
 
 
 @dataclass(frozen=True)
@@ -72,8 +73,8 @@ class OwnUnits:
         first, second = values[_pairs(len(values))]  # each (pairs, k)
         reach, largest = np.ptp(values, axis=0), np.abs(values).max(axis=0)
         eps = torch.finfo(dtype).eps
-        whole, narrow = (values == np.rint(values)).all(axis=0), reach <= NARROW * eps * largest
-        rounding = np.where(whole, 0.0, eps * np.where(narrow, *ROUNDING[::-1]))
+        rounding = eps * np.where(reach <= NEAR * eps * largest, ROUNDING_NEAR, ROUNDING)
+        rounding[(values == np.rint(values)).all(axis=0)] = 0.0  # whole numbers are exact
         unequal, size = np.abs(first - second), np.maximum(np.abs(first), np.abs(second))
         differ = unequal > rounding * np.maximum(size, _median(size, size > 0))
         usual = np.exp(_mean(np.log(np.where(differ, unequal, 1.0)), differ))
@@ -170,7 +171,8 @@ def _mean(values: Array, counted: Mask) -> Array:
 def _median(values: Array, counted: Mask) -> Array:
     """The lower median of the counted values (n, k) of each column, (k,); 0 if none is counted."""
     if counted.all():
-        return np.partition(values, middle := (len(values) - 1) // 2, axis=0)[middle]
+        middle = (len(values) - 1) // 2
+        return np.partition(values, middle, axis=0)[middle]
     count = counted.sum(axis=0)
     in_order = np.sort(np.where(counted, values, np.inf), axis=0)
     middle_ones = in_order[np.maximum(count - 1, 0) // 2, np.arange(len(count))]
