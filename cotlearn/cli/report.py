@@ -34,7 +34,6 @@ def report(
         if out.suffix.lower() != ".html":
             raise ValueError(f"--out must end in .html, as the page is HTML; got {out}")
         check_input(data, "data")
-        about = f"tests and two trainings of {steps} steps: about {1 + steps // 2000} min"
         console.print(f"reading {escape(str(data))}")
         with loading():
             import torch
@@ -45,7 +44,7 @@ def report(
         torch.set_num_threads(1)
         checkpoints = out.with_name(f".{out.name}")
         rows = read_data(data, observe=observe, predict=predict)
-        console.print(f"{escape(rows.data.name)}: {escape(rows.about)}; then {about}")
+        console.print(f"{escape(rows.data.name)}: {escape(rows.about)}")
         for note in rows.notes:
             console.print(f"note: {escape(note)}")
         say = functools.partial(console.print, markup=False)

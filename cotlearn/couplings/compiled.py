@@ -8,6 +8,7 @@ from typing import Any
 
 from numba import njit
 from numba.core import caching
+from tqdm import tqdm
 
 from cotlearn.progress import said_on, watched
 
@@ -73,7 +74,8 @@ def _announce() -> None:
     """Say once in a process why the first pairs take longer, if somebody looks."""
     global _announced
     if not _announced and watched():
-        print("compiling the pairing loops, once on this machine: some 4 s", file=said_on())
+        text = "compiling the pairing loops, once on this machine: some 4 s"
+        tqdm.write(text, file=said_on())  # above a bar that is being drawn
     _announced = True
 
 

@@ -70,6 +70,23 @@ export function begin() {
     const section = document.getElementById(name);
     if (section) watcher.observe(section);
   }
+  if (!(only in PANELS)) show(linked());
+}
+
+/** The panel that the choices in the address belong to; nothing if there are none. */
+function linked() {
+  const [name] = new URLSearchParams(location.hash.slice(1)).keys();
+  if (!name || name in PANELS) return "";
+  const [prefix] = name.split(".");
+  return prefix === name ? "results" : prefix;
+}
+
+/** Bring a panel into view, drawn. */
+async function show(name) {
+  const section = document.getElementById(name);
+  if (!section) return;
+  await open(name);
+  section.scrollIntoView({ block: "start" });
 }
 
 /** Leave only one panel, for another page that frames this one. */

@@ -190,6 +190,8 @@ class ChunkPolicy:
         """
         tensors, record = load_tensors(path)
         with reading(path, "holds no policy that fits"):
+            if "policy" not in record:
+                raise ValueError("it holds something else that cotlearn saved")
             stored = record["policy"]
             sizes, sampler = dict(stored["network"]), dict(stored["sampler"])
             tensors = {name: value.float() for name, value in tensors.items()}

@@ -114,7 +114,8 @@ class Findings:
             if self.advice.regression_wins:
                 return "Use a regression: the data hardly vary, or are too few to learn how."
             return "No gain shown: use independent pairs."
-        interval = f"(95 % interval {gain - 2 * error:.1f} to {gain + 2 * error:.1f})"
+        ends = (f"{round(end, 1) + 0:.1f}" for end in (gain - 2 * error, gain + 2 * error))
+        interval = f"(95 % interval {' to '.join(ends)})"
         if self.chosen is tried:
             steps = IN_WORDS.get(self.needed or 0)
             like = f"as good as {steps} with independent pairs, and " if steps else ""
@@ -268,6 +269,7 @@ def examine(
     x1, condition = x(data.x1), c(data.c)
     train, test = (Dataset(x1[part], condition[part], data.name) for part in (inside, outside))
     options: dict[str, Any] = {"rows": pairs, "probe_steps": probe_steps, "seed": seed}
+    say(f"tests and up to two trainings of {steps} steps: about {1 + steps // 2000} min")
     say(f"comparing couplings on {len(inside)} rows ...")
     advice = recommend(train.x1, condition[inside], groups=rows.group[inside], **options)
     couplings: dict[str, Coupling] = {"independent": Independent(), advice.name: advice.coupling}

@@ -20,6 +20,9 @@ GLOSSARY = "docs/reference/glossary"
 #: What an inline name may stand for; of two with one name, the first.
 LIBRARY = ("mixtures", "gaussian", "couplings", "flows", "potentials", "metrics", "diagnostics")
 ARXIV = re.compile(r"(?<![\w./])(\d{4}\.\d{5})(?![\w/]|\.\d)")
+#: Terms that are everyday words, too: a text means the term where it writes it in italics.
+EVERYDAY = {"bend", "floor", "frame", "margin", "mode", "plan", "probe", "stream", "teacher"}
+EVERYDAY |= {"temperature", "trial", "variety"}
 NOT_IN = (nodes.reference, nodes.literal, nodes.math, nodes.title, addnodes.pending_xref)
 
 
@@ -78,7 +81,10 @@ class Links(SphinxTransform):
                 if not inside(text, NOT_IN):
                     pieces = list(self.arxiv(text.astext()))
                     if docname != GLOSSARY and not is_api:
-                        pieces = [q for p in pieces for q in self.glossary_terms(p)]
+                        italic = inside(text, (nodes.emphasis,))
+                        pieces = [
+                            q for p in pieces for q in self.glossary_terms(p, italic=italic)
+                        ]
                     if len(pieces) > 1:
                         text.parent.replace(text, pieces)
             if not is_api:
@@ -92,15 +98,15 @@ class Links(SphinxTransform):
             elif part:
                 yield nodes.Text(part)
 
-    def glossary_terms(self, piece: nodes.Node) -> Iterator[nodes.Node]:
-        """Split a text at the terms that this page has not used before."""
+    def glossary_terms(self, piece: nodes.Node, *, italic: bool) -> Iterator[nodes.Node]:
+        """Split a text, perhaps in italics, at the terms that this page has not used before."""
         if not isinstance(piece, nodes.Text):
             yield piece
             return
         text, start = piece.astext(), 0
         for match in pattern(self.glossary).finditer(text):
             term = match[1].lower()
-            if term in self.seen:
+            if term in self.seen or (term in EVERYDAY and not italic):
                 continue
             self.seen.add(term)
             if match.start() > start:

@@ -219,6 +219,13 @@ def test_terms_are_linked_to_the_glossary_once_a_page(site):
     assert len(targets) == len(set(targets))
 
 
+def test_an_everyday_word_is_a_term_only_in_italics(site):
+    html = page(site, "notebooks/12_your_data")
+    assert len(re.findall(r"\btrial\b", html)) > 5
+    found = re.findall(r"(.{4})<a [^>]*#term-(?:trial|teacher|floor|frame|plan)\"", html)
+    assert set(found) <= {"<em>"}
+
+
 def test_names_of_the_library_are_linked(site):
     html = page(site, "notebooks/03_conditions_break_it")
     assert "cotlearn.diagnostics.html#cotlearn.diagnostics.prior_skew" in html

@@ -163,6 +163,15 @@ def test_a_filter_returns_the_rows_that_pandas_returns(opened):
     assert seeds == sorted(seeds, reverse=True)
 
 
+@pytest.mark.parametrize(
+    ("choices", "panel"), [("task=push-t&nfe=1", "results"), ("samples.steps=32", "samples")]
+)
+def test_a_link_with_choices_opens_at_their_panel(choices, panel, opened):
+    page = opened(f"#{choices}")
+    at_top = f"Math.abs(document.getElementById('{panel}').getBoundingClientRect().top) < 40"
+    page.wait_for_function(at_top)
+
+
 def test_on_a_phone_the_names_of_the_curves_stand_below_them(opened):
     page = opened("#task=push-t&nfe=1", viewport=PHONE)
     page.evaluate("cotlearn_play.page.open('results')")
