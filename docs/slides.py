@@ -48,6 +48,7 @@ addEventListener("load", async () => {
 """
 
 ROOM = 16  #: lines of text on a slide
+HEADING = 3  #: lines that a heading or a formula takes
 WIDE = 78  #: characters of a line
 PART = re.compile(
     r"<details.*?</details>|^```.*?^```|^\$\$.*?\$\$[ .,]*$"  # kept whole, with empty lines
@@ -100,7 +101,7 @@ def slides_of(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
 
 
 def together(parts: list[str]) -> list[str]:
-    """Join the items of a list, and the sentence before them, if they fit on one slide."""
+    """Join the items of a list, and the sentence before them, if they fit below a heading."""
     joined: list[str] = []
     for part in parts:
         last = joined[-1] if joined else ""
@@ -108,7 +109,7 @@ def together(parts: list[str]) -> list[str]:
         plain = (
             last and not last.startswith(("#", "|", "$$", "```", "<")) and not FIGURE.match(last)
         )
-        if ITEM.match(part) and plain and lines_of(whole) <= ROOM:
+        if ITEM.match(part) and plain and lines_of(whole) <= ROOM - HEADING:
             joined[-1] = whole
         else:
             joined.append(part)
@@ -129,7 +130,7 @@ def lines_of(part: str) -> float:
     if FIGURE.match(part):
         return ROOM
     if part.startswith(("#", "$$")):
-        return 3
+        return HEADING
     text = re.sub(r"\]\([^)]*\)", "", part)  # the addresses of links
     if part.startswith("|"):
         return sum(1.2 * math.ceil(len(row) / WIDE) for row in text.splitlines())

@@ -20,6 +20,7 @@ from cotlearn.course.submissions import Cell, Submission
 
 KERNELS = 10  #: that a notebook may take
 NOT_REACHED = "not reached"  #: how the sentence on an answer begins that no kernel came to
+_IN_FILE = re.compile(r" \(\S+\.py, line (\d+)\)$")  #: the kernel's own name for a cell
 _MISSING = re.compile(r"name '(\w+)' is not defined")
 
 #: A cell, by its number, or a test, by its question and number; 0 is the self-check.
@@ -199,7 +200,7 @@ class _Marking:
         self.errors.pop(cell.number, None)  # of an earlier kernel
         for output in self._take(cell.number, kernel.run, cell.source) or []:
             if output["output_type"] == "error":
-                words = " ".join(output["evalue"].split())
+                words = _IN_FILE.sub(r" in its line \1", " ".join(output["evalue"].split()))
                 self.errors[cell.number] = printable(f"raised {output['ename']}: {words}")
 
     def _judge(self, asked: Question, kernel: Kernel) -> None:

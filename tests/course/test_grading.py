@@ -49,7 +49,7 @@ HAND_INS = {
         r"ended Python (os.\_exit",
     ),
     "memory": (MEMORY, (), 0, "asked for more memory than it may have"),
-    "no python": (EULER.replace("nfe):", "nfe)"), (), 0, "your cell (number 2 of the notebook)"),
+    "no python": (EULER.replace("nfe):", "nfe)"), (), 0, "expected ':' in its line"),
 }
 
 
