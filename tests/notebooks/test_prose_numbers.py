@@ -25,7 +25,7 @@ GIVEN = {
     "14_human_demonstrations": {
         "2.5": "a tail of a 95 % interval",
         "97.5": "the other one",
-        ".86": "scores in other papers",
+        ".82": "scores in other papers",
     },
     "01_source_guided_flow_matching": {".124": "the paper", ".067": "the paper"},
     "02_variational_rectified_flow_matching": {"1.44": "bits in a nat", "0.69": "ln 2"},
