@@ -22,6 +22,7 @@ from cotlearn import validation
 
 Array = NDArray[np.float64]
 
+LEAST = 1e-6  #: deviation of x1 down to which the differential equation is solved
 LARGEST_WEIGHT = 1e12  #: g^2 c^2 up to which every error has six correct digits
 
 
@@ -139,7 +140,7 @@ class AffineFlow:
         """E tr Var(x1 | x0, c): the variance that a one-step model averages out."""
         d = len(self.problem.b)
         seen = np.r_[0:d, 2 * d : len(self.joint)]
-        gain = self.joint[d : 2 * d, seen] @ np.linalg.pinv(self.joint[np.ix_(seen, seen)])
+        gain = _slope(self.joint[d : 2 * d, seen], self.joint[np.ix_(seen, seen)], 1e-15)
         left = self.joint[d : 2 * d, d : 2 * d] - gain @ self.joint[seen, d : 2 * d]
         return max(float(np.trace(left)), 0.0)
 
@@ -149,7 +150,7 @@ class AffineFlow:
         x0, x1, c = np.split(np.eye(len(self.joint)), [d, 2 * d])
         velocity, seen = x1 - x0, np.vstack([(1 - t) * x0 + t * x1, c])
         cross = velocity @ self.joint @ seen.T
-        gain = cross @ np.linalg.pinv(seen @ self.joint @ seen.T, rcond=1e-12, hermitian=True)
+        gain = _slope(cross, seen @ self.joint @ seen.T, 1e-12)
         F, G = gain[:, :d], gain[:, d:]
         return F, G, self.problem.b - t * F @ self.problem.b
 
@@ -201,13 +202,32 @@ class AffineFlow:
             return self._derivative(t, flat.reshape(d, -1)).ravel()
 
         start = np.eye(d, d + k + 1).ravel()
-        end = solve_ivp(derivative, (0, 1), start, method="DOP853", rtol=1e-10, atol=1e-12)
+        of_x1 = np.sqrt(np.diag(self.problem.covariance)[:d])
+        of_c = np.sqrt(np.diag(self.problem.S_c))
+        if of_x1.min() < LEAST:
+            raise ValueError(
+                f"x1 must have deviations of at least {LEAST:g}, of the noise's 1, to solve the "
+                f"equation in float64, got {of_x1.min():.3g}: give nfe, or scale x1"
+            )
+        units = np.outer(of_x1.clip(max=1), np.concatenate([np.ones(d), 1 / of_c, [1.0]]))
+        options = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12 * units.ravel()}
+        end = solve_ivp(derivative, (0, 1), start, **options)
         return np.reshape(end.y[:, -1], (d, -1))
 
     def _derivative(self, t: float, M: Array) -> Array:
         """dM/dt for x_t = M (x0, c, 1): the state is affine in its initial noise and in c."""
         F, G, f = self.coefficients(t)
         return F @ M + np.column_stack([np.zeros_like(F), G, f])
+
+
+def _slope(cross: Array, covariance: Array, rounding: float) -> Array:
+    """cross @ covariance^-1, of variables in units of their own deviations.
+
+    Else the units would decide which directions are taken for rounding errors and left out.
+    """
+    unit = 1 / np.sqrt(np.diag(covariance))
+    scaled = covariance * np.outer(unit, unit)
+    return (cross * unit) @ np.linalg.pinv(scaled, rcond=rounding, hermitian=True) * unit
 
 
 def bures_map(source: Array, target: Array) -> Array:

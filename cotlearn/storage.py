@@ -19,6 +19,7 @@ def save_tensors(path: str | Path, tensors: dict[str, Tensor], about: dict[str, 
     """Write named tensors and a JSON-compatible description `about` atomically."""
     # Clones, because safetensors refuses tensors that share memory, as tied weights do.
     tensors = {name: value.detach().cpu().clone().contiguous() for name, value in tensors.items()}
+    about = json.loads(json.dumps(about))  # as it will be read back: {1: 0.5} becomes {"1": 0.5}
     record = json.dumps({"about": about, "sha256": digest(tensors, about)})
     with atomic_path(path) as temporary:
         try:

@@ -256,6 +256,29 @@ def test_sample_has_the_stated_law():
     assert np.allclose(c.mean(axis=0), 0, atol=0.03)
 
 
+@pytest.mark.parametrize("unit", [1e-8, 1e-5, 1e6])
+@pytest.mark.parametrize("g", ["independent", math.inf])
+def test_the_unit_of_the_condition_changes_nothing(unit, g):
+    """In small units the condition was ignored: 2.5 for an error of 0."""
+    scaled = replace(EXAMPLE, A=EXAMPLE.A / unit, S_c=EXAMPLE.S_c * unit**2)
+    plain, flow = EXAMPLE.flow(g), scaled.flow(g)
+    assert flow.one_step_variance() == pytest.approx(plain.one_step_variance(), abs=1e-6)
+    for nfe in (1, 3, None):
+        assert flow.squared_w2(nfe) == pytest.approx(plain.squared_w2(nfe), abs=1e-6)
+    c = np.ones(1)
+    for one, other in zip(flow.law_after(unit * c, 1), plain.law_after(c, 1), strict=True):
+        assert one == pytest.approx(other, abs=1e-6)
+
+
+def test_small_data_are_solved_or_refused():
+    small = replace(EXAMPLE, A=EXAMPLE.A * 1e-5, S=EXAMPLE.S * 1e-10)
+    assert small.flow(math.inf).squared_w2(None) < 1e-6 * 1e-10
+    tiny = replace(EXAMPLE, A=EXAMPLE.A * 1e-8, S=EXAMPLE.S * 1e-16)
+    with pytest.raises(ValueError, match="x1 must have deviations of at least 1e-06"):
+        tiny.flow(math.inf).squared_w2(None)
+    assert tiny.flow(math.inf).squared_w2(1) < 1e-6 * 1e-16
+
+
 def test_bures():
     assert bures_squared(np.array([[4.0]]), np.array([[9.0]])) == pytest.approx(1.0)
     A, B = EXAMPLE.S, np.array([[2.0, -0.3], [-0.3, 0.4]])

@@ -92,6 +92,8 @@ def test_a_cell_may_have_several_rows(table):
         (math.nan, "value must be finite; got nan"),
         ([1, 2], r"value must be a number, a word or a truth value; got \[1, 2\]"),
         ("# 1", "value must not contain #"),
+        ("two\nlines", "value must be one line"),
+        ("two\u2028lines", "value must be one line"),
     ],
 )
 def test_what_cannot_be_stored_is_refused(table, tmp_path, value, message):

@@ -36,6 +36,12 @@ def test_what_is_read_is_what_was_written(path):
         assert torch.equal(tensors[name], value)
 
 
+def test_numbers_as_keys_are_read_as_words(path):
+    """Of 2 and 16 it said that the file was damaged: numbers and words sort differently."""
+    save_tensors(path, {}, {"success": {2: 0.5, 16: 0.7}})
+    assert load_tensors(path)[1] == {"success": {"2": 0.5, "16": 0.7}}
+
+
 def test_views_transposed_tensors_and_shared_memory(path):
     whole = torch.arange(12.0).reshape(3, 4)
     views = {"columns": whole[:, 1:3], "turned": whole.T, "same": whole, "again": whole}

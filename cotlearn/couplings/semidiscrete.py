@@ -185,8 +185,10 @@ class SemidiscreteOT(Coupling):
         self, data: Any, source: Source | None, generator: torch.Generator
     ) -> SemidiscreteOT:
         """A copy that keeps its potential, whatever other streams and calls need."""
-        self.prepare(data, source, generator)
-        return copy.copy(self)
+        own = copy.copy(self)
+        own.prepare(data, source, generator)
+        vars(self).update(vars(own))  # the last fit is kept here, too
+        return own
 
     def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
         """Draw noise, each row with the condition of a random data row, and pair it."""

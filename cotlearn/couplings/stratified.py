@@ -243,9 +243,11 @@ def residuals(y: Array, z: Array) -> Array:
     which is small if there are more rows than conditions and prevents an exact fit if there are
     fewer.
     """
+    rounding = 1e-12 * np.abs(z).max(axis=0)
     y, z = y - y.mean(axis=0), z - z.mean(axis=0)
     spread = z.std(axis=0)
-    z = z[:, spread > 1e-12] / spread[spread > 1e-12]
+    varies = spread > rounding
+    z = z[:, varies] / spread[varies]
     n, k = z.shape
     if n <= k:
         return np.linalg.solve(z @ z.T + np.eye(n), y)

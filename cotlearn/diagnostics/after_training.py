@@ -72,7 +72,7 @@ def deployment_gap(
         ValueError: n or repetitions is too small.
     """
     check_count(n, "n", minimum=100)
-    check_seed(seed)
+    seed = check_seed(seed)
     check_count(repetitions, "repetitions", minimum=2)
     check_has(coupling, "coupling", "a coupling such as Independent()", "stream")
     wanted = "data with a condition, as Dataset(x1, c)"
@@ -176,7 +176,7 @@ def error_budget(
         seed: of all samples.
     """
     check_count(nfe, "nfe")
-    check_seed(seed)
+    seed = check_seed(seed)
     check_function(oracle, "oracle", "(t, x, c) -> v")
     size = data.sample_given(data.conditions()[:1]).shape[1]
 

@@ -133,7 +133,7 @@ def frontier(
     if not check_has(couplings, "couplings", "a dict of names and couplings", "items"):
         raise ValueError("couplings is empty: give at least one name and coupling")
     check_count(batch_size, "batch_size", minimum=2)
-    check_seed(seed)
+    seed = check_seed(seed)
     check_count(rows, "rows", minimum=skew.MINIMUM_ROWS)
     check_count(repetitions, "repetitions", minimum=2)
     check_count(probe_steps, "probe_steps", minimum=0)

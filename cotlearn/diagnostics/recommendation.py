@@ -95,7 +95,7 @@ def recommend(
     couplings = candidates(x1, c)
     group = numbered(groups, len(x1))
     if len(x1) > MOST_ROWS:
-        rng = torch.Generator().manual_seed(check_seed(seed))
+        rng = torch.Generator().manual_seed(seed := check_seed(seed))
         rows = torch.randperm(len(x1), generator=rng)[:MOST_ROWS]
         x1, c, group = x1[rows], c[rows], numbered(group[rows], MOST_ROWS)
     tried = candidates(x1, c)

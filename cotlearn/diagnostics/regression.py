@@ -94,7 +94,7 @@ def network(x1: Array, c: Array, *, seed: int = 0) -> Predictor:
     scaler, middle = TamedStandardiser.fit(c), x1.mean(axis=0)
     size = float(np.sqrt(x1.var(axis=0).mean())) or 1.0
     options: dict[str, Any] = {"hidden_layer_sizes": LAYERS, "alpha": PENALTY, "batch_size": BATCH}
-    options |= {"early_stopping": True, "learning_rate_init": 3e-3, "random_state": seed}
+    options |= {"early_stopping": True, "learning_rate_init": 3e-3, "random_state": seed % 2**32}
     model = MLPRegressor(**options)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # 200 epochs are enough

@@ -66,7 +66,7 @@ def between_within(x1: Tensor, c: Tensor, *, groups: Any = None, seed: int = 0) 
             are not finite.
     """
     c = check_conditioned(x1, "x1", c)
-    rng = np.random.default_rng(check_seed(seed))
+    rng = np.random.default_rng(seed := check_seed(seed))
     if len(x1) < FEWEST:
         raise ValueError(f"x1 needs at least {FEWEST} rows, got {len(x1)}")
     group = numbered(groups, len(x1))

@@ -199,6 +199,12 @@ def sampler(
 
 
 def _dtype_of(velocity: Velocity) -> torch.dtype:
-    """The type of a network's weights; torch's default for a plain function."""
-    weights = velocity.parameters() if isinstance(velocity, torch.nn.Module) else ()
+    """The type of the weights of a network, or of one that this holds; torch's default if none."""
+    held = [
+        velocity,
+        getattr(velocity, "__self__", None),
+        *getattr(velocity, "__dict__", {}).values(),
+    ]
+    networks = [part for part in held if isinstance(part, torch.nn.Module)]
+    weights = (weight for network in networks for weight in network.parameters())
     return next((w.dtype for w in weights if w.is_floating_point()), torch.get_default_dtype())

@@ -94,7 +94,9 @@ def fit(
         progress: show a progress bar; if None, in terminals and notebooks.
 
     Returns:
-        The trained network (EMA weights) and the history of its loss.
+        The trained network (EMA weights) and the history of its loss. All its weights are frozen;
+        a further `fit` trains all of them, so freeze again what is to stay. A network is trained
+        as a whole in train mode, layers that the caller has in eval mode, too.
 
     Raises:
         TypeError: network, data or coupling is of another kind.
@@ -104,12 +106,13 @@ def fit(
     """
     ot_batch_size = batch_size if ot_batch_size is None else ot_batch_size
     _check_parts(network, data, coupling, loss)
+    seed = validation.check_seed(seed)
     validation.check_count(log_every, "log_every")
     plan = {
         "steps": validation.check_count(steps, "steps"),
         "batch_size": validation.check_count(batch_size, "batch_size"),
         "ot_batch_size": validation.check_count(ot_batch_size, "ot_batch_size"),
-        "seed": validation.check_seed(seed),
+        "seed": seed,
         "learning_rate": validation.check_positive(learning_rate, "learning_rate"),
         "schedule": validation.check_choice(schedule, "schedule", SCHEDULES),
         "ema": validation.check_share(ema, "ema"),
@@ -130,6 +133,8 @@ def fit(
         load(checkpoint, state)
 
     first, device = state.step, next(network.parameters()).device
+    # Pairs that a network chose for several batches at once are not chosen again on resuming.
+    block = ot_batch_size // batch_size if coupling.traits.needs_network else 1
     stream = coupling.stream(
         data,
         batch_size=batch_size,
@@ -142,7 +147,8 @@ def fit(
     observers: list[Any] = [part for part in (coupling, loss) if hasattr(part, "observe")]
     bar = progress_bar(total=steps, initial=first, what=coupling.name, show=progress)
     forked = torch.random.fork_rng([device] if device.type == "cuda" else [])  # for dropout
-    with bar, forked, contextlib.closing(batches), interrupt_between_steps() as interrupted:
+    alone, closed = _observed_alone(coupling), contextlib.closing(batches)
+    with bar, forked, alone, closed, interrupt_between_steps() as interrupted:
         while state.step < steps:
             started = time.perf_counter()
             for part in observers:
@@ -159,13 +165,41 @@ def fit(
             if state.step % log_every == 0 or state.step == steps:
                 _log(state, bar)
             bar.update()
+            if state.step < steps and state.step % block:
+                continue
             done = state.step == steps or interrupted.is_set()
-            if checkpoint is not None and (done or state.step % CHECKPOINT_EVERY == 0):
+            due = state.step // CHECKPOINT_EVERY > (state.step - block) // CHECKPOINT_EVERY
+            if checkpoint is not None and (done or due):
                 save(checkpoint, state)
             if interrupted.is_set():
                 raise KeyboardInterrupt(f"training stopped after step {state.step}")
     history = dict(zip(("step", "loss", "seconds"), np.array(state.log).T, strict=True))
     return FitResult(state.averaged.eval(), history)
+
+
+_observing: set[int] = set()  #: couplings that trainings of this process show their networks
+
+
+@contextlib.contextmanager
+def _observed_alone(coupling: Coupling) -> Iterator[None]:
+    """Refuse a coupling that keeps the network of another training that still runs.
+
+    Raises:
+        RuntimeError: another thread trains with this object.
+    """
+    if not coupling.traits.needs_network:
+        yield
+        return
+    if id(coupling) in _observing:
+        raise RuntimeError(
+            f"another training uses this {type(coupling).__name__}, which keeps one network at a "
+            "time: take a coupling for each training"
+        )
+    _observing.add(id(coupling))
+    try:
+        yield
+    finally:
+        _observing.discard(id(coupling))
 
 
 def _gradient_step(state: State, pairs: Pairs, loss: Loss) -> None:

@@ -182,7 +182,7 @@ class ChunkPolicy:
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a policy that `save` wrote.
+        """Read a policy that `save` wrote, with weights in float32.
 
         Raises:
             FileNotFoundError: there is no such file.

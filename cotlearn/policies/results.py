@@ -85,7 +85,7 @@ def study(**wanted: Any) -> DataFrame:
         check_choice(column, "column", tuple(rows.columns))
         values = value if isinstance(value, (list, tuple, set)) else [value]
         rows = rows[rows[column].isin(list(values))]
-    return rows
+    return rows if wanted else rows.copy()
 
 
 def results(
@@ -139,6 +139,7 @@ def _summary(rows: DataFrame, task: DataFrame) -> dict[str, Any]:
         if score in rows and rows[score].notna().any():
             values = grid(rows, score)
             deviation = between_networks(task, score) if len(values) == 1 else 0.0
+            found["episodes"] = values.size  # those that all seeds have
             mean, low, high = mean_interval(values, deviation=deviation)
             found |= {score: mean, f"{score}_low": low, f"{score}_high": high}
             found[f"{score}_of_seeds"] = values.mean(axis=1).round(4).tolist()
@@ -261,6 +262,8 @@ def paired_difference(
             raise ValueError(f"{name} must be a stored method and number, got {method!r}, {nfe}")
         grids.append(rows.pivot(index="seed", columns="episode", values=score))
     one, other = grids[0].align(grids[1], join="inner")
+    whole = one.notna().all() & other.notna().all()  # of the episodes that all seeds have
+    one, other = one.loc[:, whole], other.loc[:, whole]
     if one.size == 0:
         raise ValueError(f"first and second have no episode of one seed in common: {first, second}")
     deviation = 2**0.5 * between_networks(found, score) if len(one) == 1 else 0.0

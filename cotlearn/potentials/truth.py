@@ -171,7 +171,7 @@ def eight_gaussians_map(n: int = 1024, *, seed: int = 0) -> tuple[Tensor, Tensor
     Raises:
         ValueError: n is not a power of 2.
     """
-    validation.check_seed(seed)
+    seed = validation.check_seed(seed)
     if validation.check_count(n, "n") & (n - 1):
         raise ValueError(f"n must be a power of 2, got {n}")
     engines = (torch.quasirandom.SobolEngine(2, scramble=True, seed=seed + k) for k in (0, 1))

@@ -254,6 +254,7 @@ def examine(
     Raises:
         ValueError: too few rows, or data that do not vary.
     """
+    seed = check_seed(seed)
     check_count(steps, "steps")
     check_has(rows, "rows", "rows, as read_data returns them", "data", "group")
     data = rows.data

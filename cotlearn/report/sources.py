@@ -119,7 +119,11 @@ def from_arrays(
                 f"c is a vector of {len(found)} different labels, at most {MOST_LABELS} are taken; "
                 "if these are numbers, store them as floating point"
             )
-        condition, labels = np.eye(len(found))[index], tuple(map(str, found.tolist()))
+        names = (
+            one.decode(errors="replace") if isinstance(one, bytes) else one
+            for one in found.tolist()
+        )
+        condition, labels = np.eye(len(found))[index], tuple(map(str, names))
     values, given = _numbers(x1, "x1"), _numbers(condition, "c")
     data = Dataset(values, given, name)
     k, equal = data.condition_dim, _equal_rows(torch.hstack([values, given]))

@@ -146,6 +146,19 @@ def test_threads_can_share_a_coupling(make):
         assert all(map(all, in_threads(work)))
 
 
+@quiet
+def test_threads_that_share_a_potential_have_that_of_their_own_data():
+    """A fit of the other thread came between a fit and the copy that was to keep it."""
+    shifted = Dataset(DATA.x1 + 5, C)
+    alone = [
+        take(SemidiscreteOT(iterations=20), data, 2, batch_size=64) for data in (DATA, shifted)
+    ]
+    coupling = SemidiscreteOT(iterations=20)
+    shared = in_threads(lambda k: take(coupling, (DATA, shifted)[k], 2, batch_size=64))
+    for mine, ours in zip(alone, shared, strict=True):
+        assert all(map(same, mine, ours))
+
+
 def slowly(frame, event, arg):
     """Lets the other thread run between any two lines of the cache."""
     if frame.f_code is Last.__call__.__code__:

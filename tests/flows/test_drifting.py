@@ -70,6 +70,8 @@ def test_drift_is_the_formula_in_plain_loops():
 def test_drift_has_the_units_of_the_data():
     y, data = torch.randn(2, 20, 2, generator=seeded(), dtype=torch.float64)
     assert torch.allclose(drift(1e3 * y + 7, 1e3 * data + 7), 1e3 * drift(y, data))
+    tiny = drift(1e-15 * y, 1e-15 * data)
+    assert torch.allclose(1e15 * tiny, drift(y, data))
 
 
 def pulls(change, *, groups=20, rows=16):

@@ -20,6 +20,7 @@ from cotlearn.couplings import (
     Independent,
     KMeansCondition,
     MinibatchOT,
+    ModelAligned,
     StratifiedOT,
 )
 from cotlearn.datasets import Dataset, unconditional
@@ -279,6 +280,34 @@ def test_ctrl_c_leaves_a_checkpoint_that_resumes_to_the_same_result(path, at, ot
     assert path.exists()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert_same(train(**options), train(ot_batch_size=ot_batch_size))
+
+
+@pytest.mark.parametrize("at", [3, 5])
+def test_pairs_that_a_network_chose_for_several_batches_are_not_chosen_again(path, at):
+    """A resumed training paired the rest of the block with a later network."""
+    options = {"ot_batch_size": 64, "loss": Hooked(), "steps": 26}
+    stopped = options | {"loss": Hooked(at, interrupt)}
+    with pytest.raises(KeyboardInterrupt, match=f"stopped after step {4 * math.ceil(at / 4)}$"):
+        train(coupling=ModelAligned(warmup_steps=5), checkpoint=path, **stopped)
+    resumed = train(coupling=ModelAligned(warmup_steps=5), checkpoint=path, **options)
+    assert_same(resumed, train(coupling=ModelAligned(warmup_steps=5), **options))
+
+
+def test_a_coupling_that_keeps_a_network_serves_one_training_at_a_time():
+    """Each network chose pairs by the other one's errors."""
+    coupling = ModelAligned()
+
+    def begin_another():
+        with pytest.raises(RuntimeError, match="another training uses this ModelAligned"):
+            train(coupling=coupling)
+
+    train(coupling=coupling, loss=Hooked(5, begin_another))
+    train(coupling=coupling)
+
+
+@pytest.mark.parametrize("seed", [np.int64(3), np.uint8(3)])
+def test_a_seed_of_numpy_is_that_number(seed):
+    assert_same(train(seed=seed), train(seed=3))
 
 
 def test_interrupted_twice_and_resumed_in_double_precision(path):

@@ -6,7 +6,7 @@ import pytest
 import torch
 from support import refused, seeded
 
-from cotlearn.flows import VelocityMLP, integrate, sampler, solvers
+from cotlearn.flows import Guided, VelocityMLP, integrate, sampler, solvers
 from cotlearn.flows.diffusion import Diffusion
 from cotlearn.flows.one_step import MeanVelocity, TwoPasses, jump
 from cotlearn.flows.solvers import METHODS
@@ -273,3 +273,10 @@ class Forgetful(MeanVelocity):
 
     def forward(self, t, x, c=None, length=0.0):
         return x[:, :1]
+
+
+@pytest.mark.parametrize("around", [lambda net: Guided(net, 2.0), lambda net: net.forward])
+def test_noise_has_the_type_of_the_network_inside(around):
+    network = VelocityMLP(2, 1).double()
+    drawn = sampler(around(network), nfe=2, dim=2)(torch.zeros(3, 1, dtype=torch.float64))
+    assert drawn.dtype == torch.float64

@@ -66,6 +66,22 @@ def test_only_episodes_that_all_seeds_have_are_compared(table):
     assert grid(rows[rows.regime == "whole"], "success").shape == (2, 2)
 
 
+def test_they_are_counted_and_a_difference_takes_them(table):
+    """It counted five episodes where four were compared, and a difference met NaN."""
+    fewer = table[(table.seed == 0) | (table.episode < 2)]
+    assert results("arm", regime="whole", table=fewer)["episodes"].tolist() == [4, 4, 4]
+    pair = ("independent", 1), ("independent", 2)
+    expected = table[table.episode < 2]
+    found = paired_difference("arm", *pair, regime="whole", table=fewer)
+    assert found == paired_difference("arm", *pair, regime="whole", table=expected)
+
+
+def test_the_study_is_the_caller_s_own():
+    """A column that was multiplied changed every later call."""
+    study()["success"] *= 100
+    assert study()["success"].max() <= 1
+
+
 def test_one_row_a_method(table):
     shown = wide(results("arm", regime="whole", table=table), ("success", "collision"))
     assert list(shown) == ["method", "success 1", "success 2", "collision 1", "collision 2"]

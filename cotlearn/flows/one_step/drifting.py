@@ -78,13 +78,13 @@ def drift(y: Tensor, data: Tensor) -> Tensor:
     if len(y) < 2:
         return torch.zeros_like(y)
     to_data, to_others = torch.cdist(y, data), torch.cdist(y, y).fill_diagonal_(torch.inf)
-    scale = to_data.mean().clamp(min=1e-12)
+    scale = to_data.mean().clamp(min=torch.finfo(y.dtype).tiny)
     temperatures = y.new_tensor(TEMPERATURES)[:, None, None]
     logits = torch.cat([to_data, to_others], dim=1) / (-temperatures * scale)
     share = ((logits.log_softmax(dim=2) + logits.log_softmax(dim=1)) / 2).exp()
     pull, push = share.split([len(data), len(y)], dim=2)
     v = push.sum(dim=2, keepdim=True) * (pull @ data) - pull.sum(dim=2, keepdim=True) * (push @ y)
-    v = v / v.square().mean(dim=(1, 2), keepdim=True).sqrt().clamp(min=1e-12)
+    v = v / v.square().mean(dim=(1, 2), keepdim=True).sqrt().clamp(min=1e-12 * scale)
     return v.sum(dim=0) * scale / y.shape[1] ** 0.5
 
 

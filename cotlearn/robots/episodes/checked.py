@@ -137,7 +137,7 @@ def split(
     """
     check_has(episodes, "episodes", "Episodes", "select")
     check_count(held_out, "held_out")
-    check_seed(seed)
+    seed = check_seed(seed)
     rest = len(episodes) - held_out
     if rest < 1:
         raise ValueError(f"held_out must be below the {len(episodes)} episodes, got {held_out}")
