@@ -66,7 +66,8 @@ class PairedNoise:
     """`paired_noise` of many batches, with a warning if the noise depends on the condition.
 
     Such noise is not what a network samples from later. After 100 batches (more if they are small)
-    `skew` is computed, of at most 256 columns; a share above 0.05 gives a warning.
+    `skew` is computed, of at most 256 columns; a share above 0.05 gives a warning. Labels of more
+    than 64 values are taken for numbers, of which near ones are put together: make them one-hot.
 
     Args:
         coupling: as in `paired_noise`.

@@ -70,17 +70,17 @@ def test_one_condition_and_constant_data():
 @pytest.mark.slow
 @pytest.mark.slow
 def test_shifts_of_the_data_and_constant_columns_of_the_condition_change_nothing():
-    c = torch.randn(600, 3, generator=seeded())
+    c = torch.randn(300, 3, generator=seeded())
     x1 = torch.stack([torch.sin(2 * c[:, 0]), torch.cos(2 * c[:, 1])], dim=1)
-    x1 = x1 + 0.1 * torch.randn(600, 2, generator=seeded(1))
+    x1 = x1 + 0.1 * torch.randn(300, 2, generator=seeded(1))
     share = between_within(x1, c).between_share
     assert share > 0.8
-    moved = torch.cat([x1[:, :1] + 50, x1[:, 1:], torch.full((600, 1), 100.0)], dim=1)
+    moved = torch.cat([x1[:, :1] + 50, x1[:, 1:], torch.full((300, 1), 100.0)], dim=1)
     assert between_within(moved, c).between_share == pytest.approx(share, abs=0.01)
     for columns in (1, 14):
-        padded = torch.cat([c, torch.ones(600, columns)], dim=1)
+        padded = torch.cat([c, torch.ones(300, columns)], dim=1)
         assert between_within(x1, padded).between_share == pytest.approx(share, abs=1e-6)
-    assert between_within(x1, torch.ones(600, 2)).between_share < 0.05
+    assert between_within(x1, torch.ones(300, 2)).between_share < 0.05
 
 
 def test_integer_conditions():
