@@ -8,7 +8,7 @@ help:
 	@echo "make lab      open the course in JupyterLab (ARGS='--port 9999' for its options)"
 	@echo "make test     run lint, types, unit tests and every notebook (ARGS='tests/flows' for some)"
 	@echo "make check    two minutes of these: this machine, some tests, one notebook"
-	@echo "make course   execute the notebooks in order; pages to read in build/course"
+	@echo "make course   execute the notebooks in order; pages to read in build/course (ARGS='00 02' for some)"
 	@echo "make docs     check the spelling and build the site in build/site"
 	@echo "make slides   slides from the notebooks in build/slides (ARGS='00 01' for some)"
 	@echo "make homework student copies, and autograder versions in build/homework (SECRET_SEED=... for your own tests)"

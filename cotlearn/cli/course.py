@@ -92,6 +92,9 @@ def lab(
     options = [f"--ServerApp.root_dir={root}", f"--LabApp.default_url=/lab/tree/{page}"]
     options.append("--ServerApp.contents_manager_class=cotlearn.course.saving.SameEverywhere")
     options.append("--ServerApp.answer_yes=True")  # Ctrl-C ends it without a question
+    if sys.platform != "win32":  # a login shell would forget the PATH, and with it this command
+        shell = {"shell_command": [os.environ.get("SHELL") or "sh"]}
+        options.append(f"--ServerApp.terminado_settings={shell}")
     if not _has_display():
         options.append("--no-browser")
     if hasattr(os, "geteuid") and os.geteuid() == 0:
@@ -100,6 +103,8 @@ def lab(
     kernels = [str(Path(sys.prefix) / "share" / "jupyter"), os.environ.get("JUPYTER_PATH", "")]
     quiet = {"OMP_NUM_THREADS": "1", "PYDEVD_DISABLE_FILE_VALIDATION": "1"}
     environment = {**quiet, **os.environ, "JUPYTER_PREFER_ENV_PATH": "1"}
+    places = [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
+    environment["PATH"] = os.pathsep.join(filter(None, places))  # for `cotlearn` in a terminal
     environment.setdefault("JUPYTERLAB_WORKSPACES_DIR", str(own / ".jupyterlab"))  # own tabs
     environment["JUPYTER_PATH"] = os.pathsep.join(filter(None, kernels))
     configured = [str(CONFIG), os.environ.get("JUPYTER_CONFIG_PATH", "")]

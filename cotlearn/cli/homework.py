@@ -142,7 +142,7 @@ def homework(
     with reported():
         from cotlearn.course import release
 
-        check_output(out / "masters", "out")
+        check_output(out / "masters" / "hw1.ipynb", "out")
         release.make(
             out,
             masters=masters,

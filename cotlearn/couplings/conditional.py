@@ -26,6 +26,8 @@ from cotlearn.couplings.distances import (
 from cotlearn.couplings.unheeded import warn_if_one_column_rules, warn_if_unheeded
 from cotlearn.couplings.units import OwnUnits
 
+FEW = 16  #: rows below which all labels of a batch may differ by chance
+
 
 def _squared(value: float, name: str) -> float:
     """The square of a number from 0 to infinity, itself infinite where float64 does not hold it."""
@@ -40,7 +42,7 @@ class ConditionalOT(Coupling):
     Each noise row gets a condition c0; the plan then pairs (x0, c0) with (x1, c). At w = 0 this is
     naive minibatch OT. As w grows, noise is paired within its condition, and p(x0 | c) approaches
     the prior. At w = infinity only rows with equal conditions are paired: for labels this is the
-    exact plan of each class; if all c differ, it is the independent coupling.
+    exact plan of each class; if all c differ, it is the independent coupling (a warning says so).
     The papers use the same weight in other forms: w = g^2 (COT Policy 2505.01179) = beta^2
     (Chemseddine 2403.18705) = 1/eps (Kerrigan 2404.04240).
 
@@ -206,6 +208,12 @@ def _within_classes(
 ) -> tuple[Index, Index]:
     """w = infinity: one plan for each distinct condition."""
     label = torch.unique(c, dim=0, return_inverse=True)[1].cpu().numpy()
+    if label.max() + 1 == len(c) >= FEW:
+        warnings.warn(
+            f"each of the {len(c)} rows has a condition of its own, so that all pairs are random: "
+            "condition_weight math.inf is for labels, take a finite one",
+            stacklevel=2,
+        )
     sources, targets = [], []
     for k in range(label.max() + 1):
         rows = np.flatnonzero(label[noise_condition_index] == k)

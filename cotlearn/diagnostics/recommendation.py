@@ -23,6 +23,16 @@ MOST_ROWS = 20_000  #: rows that are compared; more would take minutes
 NARROW = 0.02  #: share of variance within conditions below which there is nothing to straighten
 LABELS_UP_TO = 64  #: most distinct conditions that are treated as labels
 GOOD_STRATUM = 32  #: rows of a cluster that are enough candidates
+WIDE = 0.3  #: share of the variance within a condition from which data do vary there
+TOO_FEW = (
+    "But the data may still vary within conditions, where a regression answers with "
+    "means, which may lie between modes: the rows are too few to learn more. Take more of them, or "
+    "fewer columns of c."
+)
+NARROW_DATA = (
+    "Given the condition the data hardly vary, so that no coupling has anything to straighten. A "
+    "flow that you train all the same should have independent pairs."
+)
 CONSTANT = (
     "The condition does not vary, so that naive OT is plain minibatch OT, without a condition, and "
     "has nothing to skew. "
@@ -50,6 +60,11 @@ class Recommendation:
     spread: BetweenWithin
     regression_score: float
     regression_wins: bool
+
+    @property
+    def too_few_rows(self) -> bool:
+        """Whether a regression wins though up to 30 % of the variance or more lies within c."""
+        return self.regression_wins and self.spread.between_share < 1 - WIDE
 
 
 def recommend(
@@ -170,10 +185,9 @@ def _choose(
         facts += (
             f"Use a regression: its predictions score {float(alone.mean()):.3g}, better than every "
             f"coupling without significant skew (the best, {ahead.name}, "
-            f"{ahead.one_step_score:.3g}). Given the condition the data hardly vary, so that no "
-            "coupling has anything to straighten, or they are too few to learn how they vary. A "
-            "flow that you train all the same should have independent pairs."
+            f"{ahead.one_step_score:.3g}). "
         )
+        facts += TOO_FEW if spread.between_share < 1 - WIDE else NARROW_DATA
         return independent, True, facts
     if spread.within <= NARROW * spread.total:
         facts += (

@@ -71,6 +71,12 @@ export function begin() {
     if (section) watcher.observe(section);
   }
   if (!(only in PANELS)) show(linked());
+  for (const anchor of document.querySelectorAll("nav a[href^='#']")) {
+    anchor.addEventListener("click", (event) => {
+      event.preventDefault(); // the address keeps the choices
+      show(anchor.hash.slice(1));
+    });
+  }
 }
 
 /** The panel that the choices in the address belong to; nothing if there are none. */

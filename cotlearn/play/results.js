@@ -76,7 +76,7 @@ export function mount(parent, { style, columns, link }) {
   const state = link.read(defaults);
   const handle = { state, columns, rows: [] };
   let shown = AT_ONCE;
-  const label = (method) => style.looks[method]?.label ?? method;
+  const label = (method) => style.looks[method]?.label ?? method.replaceAll("_", "-");
   const wanted = (without = "") =>
     Object.fromEntries(
       FILTERS.filter(([key]) => key !== without).map(([key, name]) => [name, state[key]]),
@@ -159,7 +159,7 @@ export function mount(parent, { style, columns, link }) {
       .map(([method, curve]) => [method, curve[0][1]])
       .sort((a, b) => b[1] - a[1]);
     const share = (value) => `${Math.round(100 * value)} %`;
-    const times = nfe === 1 ? "one evaluation" : `${nfe} evaluations`;
+    const times = { 0: "no evaluation", 1: "one evaluation" }[nfe] ?? `${nfe} evaluations`;
     const best = first.length
       ? ` Success at ${times}: ${label(first[0][0])} ${share(first[0][1])}` +
         (first.length > 1

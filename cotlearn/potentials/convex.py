@@ -236,8 +236,8 @@ class ICNN(_InputConvex):
     def start_at_gaussian(self, x1: Tensor, c: Tensor | None = None) -> ICNN:
         """Make the gradient nearly the optimal map from N(0, I) to a Gaussian fitted to x1.
 
-        The network's small part is kept, and its gradient at 0 is subtracted from b. It is small for
-        data whose deviations are near 1; others should be scaled before.
+        The network's small part is kept, and its gradient at 0 is subtracted from b. It is small
+        for data whose deviations are near 1; others should be scaled before.
 
         Args:
             x1: (n, d) data, n > d.

@@ -112,7 +112,9 @@ class Findings:
         gain, error = (100 * value / free.at(1) for value in self.gain(1))
         if tried is free:
             if self.advice.regression_wins:
-                return "Use a regression: the data hardly vary, or are too few to learn how."
+                few = "Too few rows to learn how the data vary: take more, or fewer columns of c."
+                rule = "Use a regression: given the condition the data hardly vary."
+                return few if self.advice.too_few_rows else rule
             return "No gain shown: use independent pairs."
         ends = (f"{round(end, 1) + 0:.1f}" for end in (gain - 2 * error, gain + 2 * error))
         interval = f"(95 % interval {' to '.join(ends)})"

@@ -35,6 +35,8 @@ def pair(answer: Any, seed: int = 0) -> None:
     source, target = rows = _pairs(answer, x0, x1, c, 1e4, 1)
     if not all(map(torch.equal, rows, twice)):
         raise NotYet("equal generators must give equal pairs: randperm(n, generator=generator)")
+    if all(torch.equal(part, torch.arange(n)) for part in rows):
+        raise NotYet("the rows come back as they went in: index x0, and x1 and c, by the pairs")
     if torch.equal(label[target[source.argsort()]], label):  # each row of x0 got its own class
         raise NotYet("noise in row i always gets c_i: let c0 be a random permutation of c's rows")
     far = torch.cdist(x0.double(), x1.double()).square()
@@ -47,10 +49,26 @@ def pair(answer: Any, seed: int = 0) -> None:
         block = far[source[inside]][:, target[inside]]
         if block.trace() > block[range(len(block)), cheapest(block)].sum() + 1e-3:
             hint = "with a large weight the pairs must be the cheapest inside each class"
-            raise NotYet(f"{hint}: solve the assignment for the cost of question 1")
+            raise NotYet(f"{hint}: is the cost that of question 1, and is question 1 right?")
     source, target = _pairs(answer, x0, x1, c, 0.0, 3)
     if far[source, target].sum() > far[range(n), cheapest(far)].sum() + 1e-3:
         raise NotYet("with weight 0 it must be plain OT: the cheapest pairs of x0 and x1")
+    if _dependence(answer, g) > 0.15:  # means of 800 normal numbers each
+        raise NotYet(
+            "with a large weight x0 must not depend on c, and it does: does c0 have each row of c "
+            "once? Use randperm"
+        )
+
+
+def _dependence(answer: Any, g: torch.Generator) -> float:
+    """How far the mean noise of a class is from 0, over many batches of two far classes."""
+    count, rows = 40, 40
+    sums, c = torch.zeros(2, 2), torch.eye(2)[torch.arange(rows) % 2]
+    for _ in range(count):
+        x0, x1 = torch.randn(2, rows, 2, generator=g)
+        found = call(answer, x0.clone(), 0.2 * x1 + 4 * (2 * c - 1), c.clone(), 1e6, g)
+        sums += torch.as_tensor(found[2]).float().T @ torch.as_tensor(found[0]).float()
+    return float(sums.abs().max()) / (count * rows / 2)
 
 
 def _pairs(

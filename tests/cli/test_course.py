@@ -173,7 +173,8 @@ def test_lab_with_a_display_opens_a_browser(launched, monkeypatch):
     monkeypatch.setattr(course.os, "geteuid", lambda: 1000, raising=False)
     monkeypatch.setattr(course.copies, "make", lambda to, outputs: ([], []))
     invoke("lab")
-    assert len(launched[0][0]) == 7  # the folder, the first page, how to save, and no question
+    assert len(launched[0][0]) == 8  # the folder, the first page, how to save, no question, a shell
+    assert "terminado_settings={'shell_command':" in launched[0][0][-1]  # which is no login shell
 
 
 def test_lab_copies_once_to_a_folder_elsewhere(launched, tmp_path, monkeypatch):

@@ -183,8 +183,19 @@ def test_a_weight_too_large_for_the_solver_is_said():
         ConditionalOT(1e16)(x0, x1, c)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for weight in (0.0, 1e6, "balanced", math.inf):
+        for weight in (0.0, 1e6, "balanced"):
             ConditionalOT(weight)(x0, x1, c)
+
+
+def test_that_a_condition_for_each_row_leaves_no_choice_is_said():
+    x0, x1, c = continuous()
+    with pytest.warns(
+        UserWarning, match="has a condition of its own, so that all pairs are random"
+    ):
+        ConditionalOT(math.inf)(x0, x1, c)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ConditionalOT(math.inf)(x0, x1, c.round())
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")

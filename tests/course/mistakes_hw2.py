@@ -21,6 +21,10 @@ def paired(x0, x1, c0, c, weight, *, labels=None):
     return x0[rows], x1[columns], (c if labels is None else labels)[columns]
 
 
+def drawn(c, g):
+    return c[torch.randint(len(c), (len(c),), generator=g)]
+
+
 def labels_stay(x0, x1, c, weight, g):
     return *paired(x0, x1, shuffled(c, g), c, weight)[:2], c
 
@@ -104,6 +108,8 @@ MISTAKES = [
     ("hw2.pair", lambda a, b, c, w, g: paired(a, b, shuffled(c, g), c, 50.0), "plain OT"),
     ("hw2.pair", lambda a, b, c, w, g: paired(a, b, shuffled(c, g), c, 0.0), "changes nothing"),
     ("hw2.pair", lambda x0, x1, c, w, g: (x0, x1), "three things"),
+    ("hw2.pair", lambda x0, x1, c, w, g: (x0, x1, c), "as they went in"),
+    ("hw2.pair", lambda a, b, c, w, g: paired(a, b, drawn(c, g), c, w), "each row of c once"),
     ("hw2.conditional_w2", lambda a, b, c: squared_w2(a, b), "do not count yet"),
     ("hw2.conditional_w2", lambda *a: sum(each(*a)), "do not sum"),
     ("hw2.conditional_w2", lambda *a: math.sqrt(sum(each(*a)) / 3), "no root"),

@@ -8,7 +8,7 @@ from handed_in import EULER
 from typer.testing import CliRunner
 
 from cotlearn.cli import app
-from cotlearn.course import assets, record
+from cotlearn.course import assets, record, release
 
 SAID = """: checking ...
 ✓ hw1.loss
@@ -75,6 +75,16 @@ def test_grade(tmp_path):
     assert "(1 of 1)\n" in text
     assert "1 files: 0 known from before, 1 not gradable" in text
     assert (tmp_path / "grades.csv").exists()
+
+
+def test_homework_can_be_made_again(tmp_path, monkeypatch):
+    """It refused the folder that it had made before."""
+    made = []
+    monkeypatch.setattr(release, "make", lambda out, **options: made.append(out))
+    (tmp_path / "masters").mkdir()
+    (tmp_path / "masters" / "hw1.ipynb").write_text("{}")
+    assert run("homework", "--out", tmp_path) == (0, "")
+    assert made == [tmp_path]
 
 
 def test_a_course_without_notebooks(tmp_path, monkeypatch):

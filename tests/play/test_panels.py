@@ -172,6 +172,14 @@ def test_a_link_with_choices_opens_at_their_panel(choices, panel, opened):
     page.wait_for_function(at_top)
 
 
+def test_the_menu_keeps_the_choices_in_the_address(opened):
+    page = opened("#pairs.rows=16")
+    page.locator("nav a", has_text="Samples").click()
+    top = "document.getElementById('samples').getBoundingClientRect().top"
+    page.wait_for_function(f"Math.abs({top}) < 40")
+    assert "pairs.rows=16" in page.url
+
+
 def test_on_a_phone_the_names_of_the_curves_stand_below_them(opened):
     page = opened("#task=push-t&nfe=1", viewport=PHONE)
     page.evaluate("cotlearn_play.page.open('results')")

@@ -113,6 +113,16 @@ def test_a_regression_that_wins_is_the_headline():
 
 
 @pytest.mark.slow
+def test_a_regression_that_wins_for_want_of_rows_is_not_recommended():
+    """Data that do not depend on c: the page said that they hardly vary."""
+    x1, c = (np.random.default_rng(k).normal(size=(400, size)) for k, size in ((0, 2), (1, 16)))
+    found = examine(from_arrays(x1, c), steps=5)
+    assert found.advice.regression_wins
+    assert found.headline().startswith("Too few rows")
+    assert "between modes" in found.advice.reason
+
+
+@pytest.mark.slow
 def test_digits_whose_forecast_is_refuted_get_the_model_of_independent_pairs(monkeypatch):
     """The lower half given the upper half, where short and long trainings refute the probe."""
     strata = {"independent": Independent(), "strata": StratifiedOT(32)}
