@@ -35,9 +35,12 @@ class Standardiser:
             rows = np.ascontiguousarray(validation.check_array(rows, "rows", (None, None)))
         rows = rows.detach() if isinstance(rows, Tensor) else rows
         validation.check_squares(rows=validation.check_matrix(torch.as_tensor(rows), "rows"))
-        std = rows.std(0, unbiased=False) if isinstance(rows, Tensor) else rows.std(0)
         varies = (rows != rows[0]).any(0)  # rounding can give constant columns a std above 0
-        return cls(rows.mean(0), std * varies)
+        if not isinstance(rows, Tensor):
+            return cls(rows.mean(0), rows.std(0) * varies)
+        wide = rows if rows.device.type == "mps" else rows.double()  # sums of many rows round
+        std = wide.std(0, unbiased=False).to(rows.dtype)
+        return cls(wide.mean(0).to(rows.dtype), std * varies)
 
     def __call__(self, rows: Rows) -> Rows:
         """Standardise rows (n, k)."""

@@ -199,9 +199,9 @@ def wilson_interval(successes: int, trials: int) -> Interval:
 
     Args:
         successes: number of successes, from 0 to trials.
-        trials: number of trials, at least 1.
+        trials: number of trials, from 1 to 2^53.
     """
-    validation.check_count(trials, "trials")
+    validation.check_count(trials, "trials", most=2**53)
     validation.check_count(successes, "successes", minimum=0, most=trials, of="trials {}")
     from scipy import stats  # late: it takes a second
 

@@ -176,6 +176,9 @@ def draw_pairs(plan: Array, n: int, rng: np.random.Generator) -> tuple[Index, In
 def _check_cost(cost: Array) -> Array:
     if np.iscomplexobj(cost) or np.ma.is_masked(cost):
         raise TypeError("cost must hold real numbers, none of them masked")
+    whole = np.asarray(cost)
+    if whole.dtype.kind in "iu" and whole.size and max(int(whole.max()), -int(whole.min())) > 2**53:
+        raise ValueError("cost has integers above 2^53, which float64 rounds: subtract a constant")
     cost = np.ascontiguousarray(cost, dtype=np.float64)
     if cost.ndim != 2 or cost.shape[0] != cost.shape[1] or cost.size == 0:
         raise ValueError(f"cost must be a non-empty square matrix, got shape {cost.shape}")

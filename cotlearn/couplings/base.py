@@ -450,6 +450,20 @@ def _without_graph(value: Any) -> Any:
     return value.detach() if isinstance(value, Tensor) and value.requires_grad else value
 
 
+OPTIONS = "options"  #: the key of how a coupling prints, in a state
+
+
+def written(coupling: Coupling) -> Tensor:
+    """How a coupling prints, as bytes, for its state."""
+    return torch.tensor(list(repr(coupling).encode()), dtype=torch.uint8)
+
+
+def check_written(state: dict[str, Tensor], coupling: Coupling) -> None:
+    """Raise ValueError if a state is of a coupling with other options."""
+    if OPTIONS in state and (then := bytes(state[OPTIONS].tolist()).decode()) != repr(coupling):
+        raise ValueError(f"state is of {then}, and this is {coupling!r}")
+
+
 def content_of(value: Tensor) -> bytes:
     """A digest of a tensor: equal only for equal numbers, shapes and types."""
     array = value.detach().cpu().contiguous()

@@ -12,7 +12,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.base import Coupling, Match, Pairs, Source, Traits, draw_noise
+from cotlearn.couplings.base import (
+    OPTIONS,
+    Coupling,
+    Match,
+    Pairs,
+    Source,
+    Traits,
+    check_written,
+    draw_noise,
+    written,
+)
 from cotlearn.couplings.conditional import warn_if_imprecise
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.couplings.unheeded import warn_if_one_column_rules
@@ -230,11 +240,12 @@ class SemidiscreteOT(Coupling):
         if points is None:
             return {}
         errors = torch.tensor([self.marginal_error, self.marginal_floor])
-        state = {"phi": points.phi, "x1": points.x1, "errors": errors}
+        state = {"phi": points.phi, "x1": points.x1, "errors": errors, OPTIONS: written(self)}
         return {**state, "c": points.c} if points.c.numel() else state
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Restore the state that `state_dict` returned."""
+        """Restore the state that `state_dict` returned, of a coupling with the same options."""
+        check_written(state, self)
         if state:
             self._points = _Points(self, state["x1"], state.get("c"))
             self._points.phi, self._source = state["phi"], ()

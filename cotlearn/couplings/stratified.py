@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from cotlearn.couplings.assignment import exact_permutation
-from cotlearn.couplings.base import Coupling, Last, Match, Source, Traits, content_of
+from cotlearn.couplings.base import (
+    OPTIONS,
+    Coupling,
+    Last,
+    Match,
+    Source,
+    Traits,
+    check_written,
+    content_of,
+    written,
+)
 from cotlearn.couplings.conditions import Clusters, KMeansCondition
 from cotlearn.couplings.distances import pairing_cost, to_numpy
 from cotlearn.validation import check_count, counted
@@ -205,13 +215,14 @@ class StratifiedOT(Coupling):
         if not self.clusters.fitted_to:
             return state
         fitted_to = torch.tensor(list(self.clusters.fitted_to), dtype=torch.uint8)
-        return {**state, FITTED_TO: fitted_to}
+        return {**state, FITTED_TO: fitted_to, OPTIONS: written(self)}
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Restore the state that `state_dict` returned."""
+        """Restore the state that `state_dict` returned, of a coupling with the same options."""
+        check_written(state, self)
         if self.clusters is not None and state:
-            clusters = copy.copy(self.clusters)
-            clusters.load_state_dict({k: v for k, v in state.items() if k != FITTED_TO})
+            clusters, own = copy.copy(self.clusters), (FITTED_TO, OPTIONS)
+            clusters.load_state_dict({k: v for k, v in state.items() if k not in own})
             clusters.fitted_to = bytes(state.get(FITTED_TO, torch.empty(0)).tolist())
             self.clusters, self._last = clusters, Last()
 

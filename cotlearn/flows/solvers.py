@@ -83,7 +83,8 @@ def integrate(
         nfe: evaluations of the velocity, for the fixed-step methods: Euler takes nfe steps,
             midpoint and Heun nfe / 2, the classical Runge-Kutta method nfe / 4.
         method: "euler", "midpoint", "heun", "rk4"; or "dopri5", adaptive (SciPy's RK45), which
-            chooses its steps by the error over the whole batch, with a tolerance of 1e-4.
+            chooses its steps by the error over the whole batch, with a relative
+            and an absolute tolerance of 1e-4: for values near 1, as standard normal noise.
         trajectory: keep the states after every step.
 
     Returns:

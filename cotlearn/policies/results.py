@@ -153,8 +153,24 @@ def grid(rows: DataFrame, score: str) -> NDArray[np.float64]:
         rows: episodes of one method at one number of evaluations.
         score: a column.
     """
-    by_seed = rows.pivot(index="seed", columns="episode", values=score)
+    by_seed = _by_seed(rows, score)
     return by_seed.dropna(axis="columns").to_numpy(dtype=np.float64)
+
+
+def _by_seed(rows: DataFrame, score: str) -> DataFrame:
+    """A score of episodes, one row a seed.
+
+    Raises:
+        ValueError: an episode stands twice.
+    """
+    twice = rows[rows.duplicated(["seed", "episode"])]
+    if len(twice):
+        one = twice.iloc[0]
+        raise ValueError(
+            f"table must have each episode once: {one['method']}, seed {one['seed']}, "
+            f"{one['evaluations']} evaluations has episode {one['episode']} twice"
+        )
+    return rows.pivot(index="seed", columns="episode", values=score)
 
 
 def mean_interval(
@@ -208,13 +224,22 @@ def over_networks(
 
     Returns:
         One row a group and number of evaluations: `by`, `evaluations`, `networks`, and for each
-        score its mean, `<score>_low`, `<score>_high`, and `<score>_level`: whether it cannot be
-        told from the best of the table at the same number of evaluations.
+        score, over the networks that have it, its mean, `<score>_low`, `<score>_high`, and
+        `<score>_level`: whether it cannot be told from the best of the table at the same number of
+        evaluations.
 
     Raises:
-        ValueError: no group has two networks.
+        ValueError: a column is unknown, a value of `by` is missing, or no group has two networks.
     """
+    for what, names in (("by", by), ("scores", scores)):
+        for name in names:
+            check_choice(name, what, tuple(rows.columns))
     keys = [*by, "evaluations"]
+    for name in keys:
+        if missing := int(rows[name].isna().sum()):
+            raise ValueError(
+                f"by: {missing} of {len(rows)} rows have no {name}: fill it in, or leave them out"
+            )
     groups = rows.groupby(keys, sort=False)
     found = groups.agg(networks=("seed", "count")).reset_index()
     for score in scores:
@@ -223,11 +248,12 @@ def over_networks(
             raise ValueError(f"rows must have two networks of one kind, got one of each: {keys}")
         reach = student(freedom) * deviation
         found[score] = groups[score].mean().to_numpy()
-        half = reach / found["networks"] ** 0.5
+        count = groups[score].count().where(lambda n: n > 0).reset_index(drop=True)  # that have it
+        half = reach / count**0.5
         found[f"{score}_low"], found[f"{score}_high"] = found[score] - half, found[score] + half
-        best = found.loc[found.groupby("evaluations")[score].transform("idxmax")]
-        apart = reach * (1 / found["networks"] + 1 / best["networks"].to_numpy()) ** 0.5
-        found[f"{score}_level"] = best[score].to_numpy() - found[score] <= apart
+        best = found.groupby("evaluations")[score].transform("idxmax").to_numpy()
+        apart = reach * (1 / count + 1 / count.loc[best].to_numpy()) ** 0.5
+        found[f"{score}_level"] = found[score].loc[best].to_numpy() - found[score] <= apart
     return found
 
 
@@ -260,7 +286,7 @@ def paired_difference(
         rows = found[(found["method"] == method) & (found["evaluations"] == nfe)]
         if rows.empty:
             raise ValueError(f"{name} must be a stored method and number, got {method!r}, {nfe}")
-        grids.append(rows.pivot(index="seed", columns="episode", values=score))
+        grids.append(_by_seed(rows, score))
     one, other = grids[0].align(grids[1], join="inner")
     whole = one.notna().all() & other.notna().all()  # of the episodes that all seeds have
     one, other = one.loc[:, whole], other.loc[:, whole]

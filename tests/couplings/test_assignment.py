@@ -307,3 +307,13 @@ def test_repeated_rows_are_no_rows_far_off():
         x1 = torch.rand(6, 784, generator=seeded(seed)).repeat(2, 1)
         x0 = torch.randn(12, 784, generator=seeded(9))
         exact_permutation(squared_distances(x0, x1))
+
+
+def test_integers_that_float64_rounds_are_refused():
+    """Of 2^60 and small differences the pairs were random."""
+    small = np.random.default_rng(0).integers(0, 20, (12, 12))
+    with pytest.raises(ValueError, match="integers above 2\\^53, which float64 rounds"):
+        exact_permutation(2**60 + small)
+    rows = np.arange(12)
+    least = small[rows, linear_sum_assignment(small)[1]].sum()
+    assert small[rows, exact_permutation(2**50 + small)].sum() == least

@@ -196,3 +196,19 @@ def test_clusters_are_never_half_fitted(monkeypatch):
     assert "centroids" in whole
     assert met[0] == set()
     assert all(state in (set(), whole) for state in met)  # the warning looks at them afterwards
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (lambda: SemidiscreteOT(iterations=20), lambda: SemidiscreteOT(50.0, iterations=20)),
+        (lambda: StratifiedOT(4), lambda: StratifiedOT(16)),
+    ],
+)
+def test_a_state_of_other_options_is_refused(one, other):
+    """It paired by the other one's potential or clusters, and printed its own options."""
+    first, same_options = one(), one()
+    take(first, DATA, 1, batch_size=64)
+    same_options.load_state_dict(first.state_dict())
+    with pytest.raises(ValueError, match=r"state is of .*, and this is"):
+        other().load_state_dict(first.state_dict())

@@ -82,6 +82,35 @@ def test_the_study_is_the_caller_s_own():
     assert study()["success"].max() <= 1
 
 
+def test_an_episode_that_stands_twice_is_named(table):
+    twice = pd.concat([table, table[:1]])
+    with pytest.raises(ValueError, match="independent, seed 0, 1 evaluations has episode 0 twice"):
+        results("arm", regime="whole", table=twice)
+
+
+def test_networks_without_a_score_do_not_count():
+    """Eight networks of which two had the score gave the interval of eight."""
+    rows = networks(0.05, (8, 8))
+    rows.loc[(rows["method"] == rows["method"].iloc[-1]) & (rows["seed"] > 1), "success"] = np.nan
+    every, some = over_networks(rows), over_networks(rows.dropna(subset="success"))
+    columns = ["success", "success_low", "success_high", "success_level"]
+    pd.testing.assert_frame_equal(every[columns], some[columns])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"by": ("method", "strata")}, "rows have no strata"),
+        ({"by": ("nope",)}, "by must be one of"),
+        ({"scores": ("nope",)}, "scores must be one of"),
+    ],
+)
+def test_columns_that_are_missing_or_empty_are_named(options, message):
+    """Rows without a number of strata were left out without a word."""
+    with pytest.raises(ValueError, match=message):
+        over_networks(study(task="push-t", evaluations=1), **options)
+
+
 def test_one_row_a_method(table):
     shown = wide(results("arm", regime="whole", table=table), ("success", "collision"))
     assert list(shown) == ["method", "success 1", "success 2", "collision 1", "collision 2"]
