@@ -11,7 +11,7 @@ help:
 	@echo "make course   execute the notebooks in order; pages to read in build/course (ARGS='00 02' for some)"
 	@echo "make docs     check the spelling and build the site in build/site"
 	@echo "make slides   slides from the notebooks in build/slides (ARGS='00 01' for some)"
-	@echo "make homework student copies, and autograder versions in build/homework (SECRET_SEED=... for your own tests)"
+	@echo "make homework student copies, and autograder versions in build/homework (5 min; SECRET_SEED=... for your own tests)"
 	@echo "make release  build sdist, wheel and site, try them, and print the commands that publish"
 	@echo "make bridge   run the tests and pages that need LeRobot, in an environment in build/bridge"
 	@echo "make setup    only set up"

@@ -97,7 +97,8 @@ def announce() -> None:
     if free < DISK and not VENV.exists():
         sys.exit(f"Only {free:.1f} GB are free at {ROOT}; the course needs {DISK:.0f} GB.")
     print(f"Setting up in {VENV} (once; 0.5 GB to download, {DISK:.0f} GB on disk).", flush=True)
-    if sys.platform == "linux" and "UV_TORCH_BACKEND" not in os.environ:
+    there = VENV.exists() and can_run(PYTHON, "import torch")
+    if sys.platform == "linux" and "UV_TORCH_BACKEND" not in os.environ and not there:
         print(
             "Note: on Linux torch brings 3.5 GB of CUDA libraries, which the course does not use."
         )

@@ -62,6 +62,7 @@ def make(
     out, home = out.resolve(), assets.course_folder() / "notebooks" / "homework"
     for path in paths:
         master = out / "masters" / path.name
+        say(f"{path.stem}: otter makes its versions, and they are tried; about a minute ...")
         notebook = seeded(read(path), path.stem, secret_seed)
         if requirements is not None:
             notebook.cells[0].source += f"\nrequirements: {requirements.resolve()}"

@@ -114,6 +114,13 @@ def _taken_apart(path: Path, notebook: Any) -> Submission:
         for number, cell in enumerate(notebook.cells, start=1)
         if cell.cell_type == "code"
     ]
+    from cotlearn.course import execution
+
+    if execution.title(notebook).startswith("Extra "):  # its number is that of a lesson, too
+        raise ValueError(
+            f"{path.name} is an extra, whose own cells judge its answers: run them; nothing is "
+            "checked from outside"
+        )
     stamp = notebook.metadata.get("cotlearn") or {}
     assignment = stamp.get("assignment") or _assignment(path, cells)
     if assignment is None and any("import challenge" in cell.source for cell in cells):

@@ -153,10 +153,11 @@ export function mount(parent, { style, columns, link }) {
       said.textContent = "No row has all of these values: set one filter to “all”.";
       return;
     }
-    const nfe = Math.min(...[...handle.curves.values()].map((curve) => curve[0][0]));
+    const evaluated = (curve) => curve.find(([nfe]) => nfe > 0) ?? curve[0]; // a look-up has none
+    const nfe = Math.min(...[...handle.curves.values()].map((curve) => evaluated(curve)[0]));
     const first = [...handle.curves]
-      .filter(([, curve]) => curve[0][0] === nfe)
-      .map(([method, curve]) => [method, curve[0][1]])
+      .map(([method, curve]) => [method, curve.find(([each]) => each === nfe)?.[1]])
+      .filter(([, success]) => success !== undefined)
       .sort((a, b) => b[1] - a[1]);
     const share = (value) => `${Math.round(100 * value)} %`;
     const times = { 0: "no evaluation", 1: "one evaluation" }[nfe] ?? `${nfe} evaluations`;

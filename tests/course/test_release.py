@@ -58,6 +58,7 @@ def test_with_otter(tmp_path):
     (masters / "hw1.ipynb").write_bytes(first.read_bytes())
     said = []
     release.make(tmp_path / "out", masters=masters, secret_seed="x y", say=said.append)
+    assert "about a minute" in said.pop(0)
     assert said[0].startswith("hw1: the solutions get 17 of 17 points, the unchanged stubs 0,")
     student = tmp_path / "out" / "student" / "hw1.ipynb"
     released = first.parent / "student" / "hw1.ipynb"

@@ -81,6 +81,15 @@ def test_the_assignment(tmp_path):
         read(tmp_path, "x = 1", name="mine.ipynb")
 
 
+def test_an_extra_is_not_the_lesson_of_its_number(monkeypatch):
+    """The lesson's exercises were missing in it, and their ticks became crosses."""
+    extras = assets.notebooks("extras")
+    assert len(extras) > 10
+    for path in extras:
+        with pytest.raises(ValueError, match="is an extra, whose own cells judge"):
+            submissions.read(path)
+
+
 def test_the_challenge_has_a_command_of_its_own():
     """It was said to belong to no assignment, and a fresh copy does neither."""
     path = assets.course_folder() / "notebooks" / "homework" / "challenge.ipynb"
