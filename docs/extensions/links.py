@@ -82,9 +82,7 @@ class Links(SphinxTransform):
                     pieces = list(self.arxiv(text.astext()))
                     if docname != GLOSSARY and not is_api:
                         italic = inside(text, (nodes.emphasis,))
-                        pieces = [
-                            q for p in pieces for q in self.glossary_terms(p, italic=italic)
-                        ]
+                        pieces = [q for p in pieces for q in self.glossary_terms(p, italic=italic)]
                     if len(pieces) > 1:
                         text.parent.replace(text, pieces)
             if not is_api:
