@@ -34,7 +34,7 @@ START = """
     box-sizing: border-box; }
 .reveal .slides pre { margin: 0; font-size: 17px; line-height: 1.3; white-space: pre-wrap;
     overflow-wrap: anywhere; word-break: normal; box-shadow: none; }
-.reveal .slides img { display: block; margin: 0 auto; max-width: 100%; max-height: 600px;
+.reveal .slides img { display: block; margin: 0 auto; width: 100%; max-height: 600px;
     object-fit: contain; }
 </style>
 <script src="reveal/dist/reveal.js"></script>
@@ -56,6 +56,7 @@ PART = re.compile(
     re.DOTALL | re.MULTILINE,
 )
 ITEM = re.compile(r"(?:[-*]|\d+\.) ")
+HEADING_ALONE = re.compile(r"#+ [^\n]*")
 FIGURE = re.compile(r"!\[|<img ")
 
 
@@ -79,6 +80,8 @@ def slides_of(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
                     filled = ROOM  # what follows a solution has a slide of its own
                     continue
                 kind = kind_of(part)
+                if kind == "subslide" and cells and HEADING_ALONE.fullmatch(cells[-1].source):
+                    kind = "-"  # a heading within a heading
                 joined = cells and cells[-1].cell_type == "markdown" and kind == "-"
                 if joined and filled + lines_of(part) <= ROOM:
                     items = ITEM.match(part) and ITEM.match(cells[-1].metadata["last"])
