@@ -62,6 +62,15 @@ class Recommendation:
     regression_wins: bool
 
     @property
+    def within_chance(self) -> list[str]:
+        """The couplings that cannot be told from the recommended one: another seed may name them.
+
+        Empty if independent pairs are recommended.
+        """
+        best = self.frontier[self.name]
+        return [] if best.name == "independent" else _close_to(best, self.frontier)
+
+    @property
     def too_few_rows(self) -> bool:
         """Whether a regression wins though up to 30 % of the variance or more lies within c."""
         return self.regression_wins and self.spread.between_share < 1 - WIDE
@@ -164,6 +173,14 @@ def _varies(c: Tensor) -> bool:
     return bool((c != c[0]).any())
 
 
+def _close_to(best: FrontierPoint, found: Frontier) -> list[str]:
+    """The names of the unskewed points whose probe scores within chance of the best."""
+    clean = [p for p in found if not p.flagged and p.name != "independent"]
+    sure = beyond_chance(found["independent"], of=max(1, len(clean)))
+    gains = {p.name: gain_over(best, p) for p in clean if p.name != best.name}
+    return [name for name, (gain, error) in gains.items() if gain <= sure * error]
+
+
 def _choose(
     found: Frontier, spread: BetweenWithin, alone: Tensor
 ) -> tuple[FrontierPoint, bool, str]:
@@ -211,8 +228,7 @@ def _choose(
         f"Use {best.name}: the same network scores {best.one_step_score:.3g}, better by "
         f"{gain:.3g} (standard error {error:.2g}), with no significant skew ({best.skew:.3f}). "
     )
-    gains = {p.name: gain_over(best, p) for p in clean if p is not best}
-    close = [name for name, (gain, error) in gains.items() if gain <= sure * error]
+    close = _close_to(best, found)
     alike = f"Within chance of it: {', '.join(close)}."
     reason += alike if close else "All others without significant skew score worse."
     skewed = [p.name for p in found if p.flagged and p.one_step_score < best.one_step_score]

@@ -126,11 +126,16 @@ class Findings:
             other = "one with them" if like else "with independent pairs"
             return (
                 f"One step becomes {like}{gain:.1f} % better than {other} {interval}: "
-                f"use {tried.name}."
+                f"use {tried.name}{self._or_another()}."
             )
         found = f"{_signed(gain)} {interval}"
         word = "A loss" if gain < -2 * error else "No gain shown"
         return f"{word}, {found}, at one evaluation with {tried.name}: use independent pairs."
+
+    def _or_another(self) -> str:
+        """The couplings that were as good before the training, in brackets."""
+        others = ", ".join(self.advice.within_chance)
+        return f" (or, within chance as good: {others})" if others else ""
 
     def verdict(self) -> str:
         """One paragraph: what the trained models say about the recommendation."""

@@ -51,6 +51,8 @@ def test_several_modes_within_conditions_call_for_a_conditional_coupling(name):
     independent = chosen.frontier["independent"]
     assert chosen.frontier[chosen.name].one_step_score < 0.95 * independent.one_step_score
     assert f"Use {chosen.name}" in chosen.reason
+    alike = ", ".join(chosen.within_chance)
+    assert (f"Within chance of it: {alike}." if alike else "score worse.") in chosen.reason
     assert "\n" not in chosen.reason  # one paragraph
 
 
