@@ -72,7 +72,7 @@ class Recommendation:
 
     @property
     def too_few_rows(self) -> bool:
-        """Whether a regression wins though up to 30 % of the variance or more lies within c."""
+        """Whether a regression wins though 30 % of the variance or more may lie within c."""
         return self.regression_wins and self.spread.between_share < 1 - WIDE
 
 
