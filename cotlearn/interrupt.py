@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import threading
+from _thread import interrupt_main
 from collections.abc import Iterator
 from typing import Any
 
@@ -40,6 +41,35 @@ def loading() -> Iterator[None]:
     finally:
         print(" " * len(shown), end="\r" * bool(shown), file=sys.stderr, flush=True)
         raise_again()
+
+
+@contextlib.contextmanager
+def not_lost() -> Iterator[None]:
+    """Repeat a Ctrl-C in the block that fell into a destructor or a callback.
+
+    Python prints an exception there, a lock's or the physics' for instance, and goes on.
+    """
+    before = sys.unraisablehook
+
+    def again(lost: Any) -> None:
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            return before(lost)
+        timer = threading.Timer(0.01, _interrupt)  # at once, it would fall into this function
+        timer.daemon = True
+        timer.start()
+
+    sys.unraisablehook = again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+
+
+def _interrupt() -> None:
+    if sys.platform == "win32":
+        interrupt_main()
+    else:  # which ends a sleep, too
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
 def _end(signum: int, frame: Any) -> None:

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from cotlearn.extras import how_to_install
-from cotlearn.interrupt import raise_again
+from cotlearn.interrupt import not_lost, raise_again
 
 LARGEST_SEED = 2**63 - 1  #: that torch takes; too long for the help
 
@@ -53,7 +53,8 @@ def reported(*more: type[Exception]) -> Iterator[None]:
     kinds: tuple[type[Exception], ...] = (ValueError, *more)
     raise_again()
     try:
-        yield
+        with not_lost():
+            yield
     except ImportError as error:
         if error.name is None:  # the message is ours, and says what to install
             stop(str(error))

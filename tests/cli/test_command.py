@@ -1,5 +1,7 @@
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 import typer
@@ -28,6 +30,29 @@ def test_a_missing_package(package, extra, capsys):
     assert stopped.value.exit_code == 2
     said = f"{package} is not installed; install it with: pip install '.[{extra}]'"
     assert said in capsys.readouterr().err
+
+
+class Interrupted:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+
+def drop_one_and_go_on():
+    Interrupted()
+    time.sleep(60)
+
+
+def test_ctrl_c_in_a_destructor_still_ends_a_command():
+    """Python prints what a destructor raises and goes on: a `bench` ran to its end."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    begun = time.monotonic()
+    try:
+        with pytest.raises(typer.Exit) as stopped, cli.terminal.reported():
+            drop_one_and_go_on()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert stopped.value.exit_code == 130
+    assert time.monotonic() - begun < 30
 
 
 @pytest.mark.parametrize(("task", "package"), [("push-t", "pymunk"), ("arm-ring", "mujoco")])
