@@ -87,9 +87,17 @@ def run(answer: Any, cases: Cases) -> None:
 
     An answer that modifies its arguments is wrong, too.
     """
-    for case in cases:
+    for number, case in enumerate(cases):
         calls: list[Any] = []
-        found = (case.read or functools.partial(_like, case))(_returned(answer, case, calls))
+        try:
+            returned = _returned(answer, case, calls)
+        except NotYet as failed:
+            if number and failed.__cause__ and isinstance(case.otherwise, str) and case.otherwise:
+                raise NotYet(
+                    f"{failed}; {case.otherwise}"
+                ) from failed  # the cases before are right
+            raise
+        found = (case.read or functools.partial(_like, case))(returned)
         correct = any(same(found, right, case.tolerance) for right in (case.right, *case.also))
         for hint, wrong in () if correct else case.wrong.items():
             if wrong(found) if callable(wrong) else same(found, wrong, case.tolerance):
