@@ -74,17 +74,24 @@ def study(**wanted: Any) -> DataFrame:
     """The rows of the study: everything that was trained, one row a network and sampler.
 
     Args:
-        wanted: column -> the value, or a list of values, that a row must have, such as
+        wanted: column -> the value, or several values, that a row must have, such as
             `study(task="push-t", method=["independent", "residual"], evaluations=1)`.
 
     Raises:
-        ValueError: the study has no such column.
+        ValueError: the study has no such column, or no row of it has such a value.
     """
-    rows = _stored(STUDY)
+    rows = whole = _stored(STUDY)
     for column, value in wanted.items():
         check_choice(column, "column", tuple(rows.columns))
-        values = value if isinstance(value, (list, tuple, set)) else [value]
-        rows = rows[rows[column].isin(list(values))]
+        one = isinstance(value, str) or not isinstance(value, Iterable)
+        values = [value] if one else list(value)
+        if absent := [each for each in values if not whole[column].isin([each]).any()]:
+            known = whole[column].dropna().unique().tolist()
+            known = ", ".join(
+                word if isinstance(word, str) else f"{word:g}" for word in sorted(known)
+            )
+            raise ValueError(f"no row of the study has {column}={absent[0]!r}; there are {known}")
+        rows = rows[rows[column].isin(values)]
     return rows if wanted else rows.copy()
 
 

@@ -76,6 +76,12 @@ def test_they_are_counted_and_a_difference_takes_them(table):
     assert found == paired_difference("arm", *pair, regime="whole", table=expected)
 
 
+@pytest.mark.parametrize("values", [range(1, 3), np.array([1, 2]), {1, 2}, (2, 1)])
+def test_several_values_of_a_column(values):
+    """Of a range and of an array no row was found."""
+    assert len(study(evaluations=values)) == len(study(evaluations=1)) + len(study(evaluations=2))
+
+
 def test_the_study_is_the_caller_s_own():
     """A column that was multiplied changed every later call."""
     rows = study()
@@ -138,6 +144,8 @@ def test_curves_are_what_a_figure_draws(table):
             "first must be a stored method and number, got 'x', 1",
         ),
         (lambda t: study(moon=1), "column must be one of"),
+        (lambda t: study(task="push_t"), "no row of the study has task='push_t'; there are arm-"),
+        (lambda t: study(evaluations=[1, 3]), "has evaluations=3; there are 0, 1, 2, 4, 16, 100"),
     ],
 )
 def test_bad_arguments(table, call, message):
