@@ -6,7 +6,11 @@ the tables, with all demonstrations and with fewer.
 
     python benchmarks/look_up.py push-t
 
-adds rows to data/results/study.csv, in the place of those that are there.
+adds rows to data/results/study.csv, in the place of those that are there. And is a trained policy
+a look-up, too? Which way does it take from the starts of its training, and from new ones?
+
+    cotlearn bench arm-ring behaviour_cloning --tables mine --weights mine
+    python benchmarks/look_up.py arm-ring --policy mine/behaviour_cloning-0.safetensors
 """
 
 import argparse
@@ -22,6 +26,7 @@ from torch import Tensor
 
 from cotlearn.course.assets import find_data
 from cotlearn.policies.bench import STUDY_KEY, Row, append, means
+from cotlearn.policies.policy import ChunkPolicy
 from cotlearn.policies.rollout import REPORTED, rollout
 from cotlearn.policies.settings import SETTINGS, Setting
 from cotlearn.policies.windows import Windows
@@ -88,16 +93,44 @@ def look_up(setting: Setting, episodes: Episodes, count: int, frame: str | None)
     }
 
 
+def by_heart(policy: ChunkPolicy, training: Episodes) -> None:
+    """Prints how often a policy goes the way of the nearest demonstration, by its start."""
+    windows, task = policy.windows, policy.windows.task
+    assert training.seed is not None
+    assert training.mode is not None
+
+    def seen(states: Array) -> Array:
+        return windows.condition(np.repeat(states[:, None], windows.observe, axis=1)).numpy()
+
+    tree = KDTree(seen(training.state[training.starts]))
+    known = np.random.default_rng(0).choice(training.seed, EPISODES, replace=False)
+    starts = {"training": known, "new": np.arange(REPORTED, REPORTED + EPISODES)}
+    for name, seeds in starts.items():
+        done = rollout(policy, seeds=seeds.tolist(), max_steps=task.mode_steps)
+        near = tree.query(seen(task.vector_sim(seeds.tolist()).states))[1]
+        near, took = training.mode[near], done["mode"]
+        passed = took >= 0
+        share = (took == near)[passed].mean()
+        print(f"{name} starts: success {done['success'].mean():.3f}", end=", ")
+        print(f"the way of the nearest demonstration in {share:.0%} of {passed.sum()} passes")
+
+
 def main() -> None:
-    """Adds the rows of a task."""
+    """Adds the rows of a task, or looks at a policy."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("task", choices=SETTINGS)
     parser.add_argument("--data", type=Path, help="people's demonstrations")
     parser.add_argument("--frame", help="of observations and chunks, if not that of the setting")
+    parser.add_argument("--policy", type=Path, help="of a task with ways, that plans once")
     asked = parser.parse_args()
     torch.set_num_threads(1)
     setting = SETTINGS[asked.task]
     episodes = read(asked.data or find_data(find_task(setting.task).demonstrations))
+    if asked.policy and episodes.mode is None:
+        parser.error(f"--policy needs a task with ways, arm-ring or arm-avoid, got {asked.task}")
+    if asked.policy:
+        training, _ = split(episodes, held_out=setting.held_out)
+        return by_heart(ChunkPolicy.load(asked.policy), training)
     most = len(episodes) - setting.held_out
     for count in [*(count for count in (150, 500, 1000) if count < most), most]:
         row = look_up(setting, episodes, count, asked.frame)

@@ -1,5 +1,6 @@
 """The checks of notebook 12."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -79,6 +80,36 @@ def own_data(answer: Any) -> None:
 def _is_line(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether one column is the other in another unit."""
     return bool(a.std() and b.std() and abs(np.corrcoef(a, b)[0, 1]) > 1 - 1e-6)
+
+
+@table("12.episodes_needed", seed=12)
+def episodes_needed(g: torch.Generator) -> Cases:
+    """How many paired episodes make two standard errors of the difference at most a margin."""
+    for n, flipped, margin in ((200, 0.3, 0.04), (600, 0.5, 0.1), (80, 0.2, 0.03)):
+        theirs = (torch.rand(n, generator=g) < 0.6).double()
+        ours = torch.where(torch.rand(n, generator=g) < flipped, 1 - theirs, theirs)
+        ours[: n // 8] = 1.0
+        a, b = ours.numpy(), theirs.numpy()
+        exact = (2 * (a - b).std() / margin) ** 2
+        apart = "take the standard deviation of the differences, ours - theirs"
+        wrong = {
+            "two standard errors, not one": math.ceil(exact / 4),
+            f"{apart}: in the same episodes the two are not independent": (
+                math.ceil(4 * (a.var() + b.var()) / margin**2)
+            ),
+            f"{apart}, not of ours alone": math.ceil(4 * a.var() / margin**2),
+            f"{apart}: the mean of their squares, minus the square of their mean, is its square": (
+                math.ceil(4 * np.square(a - b).mean() / margin**2)
+            ),
+            "the standard error falls with the root of n, so square": math.ceil(math.sqrt(exact)),
+            "round up: an episode is played whole": math.floor(exact),
+            "a whole number: round up": exact,
+        }
+        other = math.ceil((2 * (a - b).std(ddof=1) / margin) ** 2)
+        hint = f"2 std(ours - theirs) / sqrt(n) must be at most {margin:g}: solve that for n"
+        yield Case(
+            (a, b, margin), math.ceil(exact), wrong, hint, also=(other,), read=number, tolerance=0
+        )
 
 
 @table("12.kept", seed=12)

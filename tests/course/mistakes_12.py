@@ -1,5 +1,7 @@
 """Wrong answers to the exercises of notebook 12, words of their hints, right ones."""
 
+from math import ceil
+
 import numpy as np
 import torch
 from sklearn.datasets import load_wine
@@ -105,6 +107,10 @@ def with_itself():
     return x1, np.column_stack([c, 2 - 3 * x1[:, 1]])
 
 
+def needed(ours, theirs, margin):
+    return ceil((2 * (ours - theirs).std() / margin) ** 2)
+
+
 MISTAKES = [
     *[("12.decide", decide_by(k), "not by two") for k in (0, 1, 1.645)],
     *[("12.decide", decide_by(k), "ahead by 2.2") for k in (2.58, 3)],
@@ -130,6 +136,15 @@ MISTAKES = [
     ("12.own_data", lambda: (np.full((200, 2), np.nan), measured()[1]), "x1"),
     ("12.own_data", lambda: "flower.npz", "return two arrays"),
     ("12.own_data", measured(), "expected a function"),
+    ("12.episodes_needed", lambda a, b, m: ceil(((a - b).std() / m) ** 2), "not one"),
+    ("12.episodes_needed", lambda a, b, m: ceil(4 * (a.var() + b.var()) / m**2), "same episodes"),
+    ("12.episodes_needed", lambda a, b, m: ceil(4 * a.var() / m**2), "of ours alone"),
+    ("12.episodes_needed", lambda a, b, m: ceil(4 * (a != b).mean() / m**2), "square of their"),
+    ("12.episodes_needed", lambda a, b, m: ceil(2 * (a - b).std() / m), "so square"),
+    ("12.episodes_needed", lambda *given: needed(*given) - 1, "played whole"),
+    ("12.episodes_needed", lambda a, b, m: (2 * (a - b).std() / m) ** 2, "a whole number"),
+    ("12.episodes_needed", lambda *given: 2 * needed(*given), "solve that for n"),
+    ("12.episodes_needed", lambda *given: "many", "number"),
     ("12.diagnosis", diagnosis(columns=False), "'skew'"),
     ("12.diagnosis", diagnosis(0.1), "'nothing'"),
     ("12.diagnosis", diagnosis(share=0.2), "'labels'"),
@@ -150,6 +165,9 @@ RIGHT = [
     ("12.own_data", wines),
     ("12.own_data", measured),
     ("12.own_data", lambda: (measured()[0], np.resize(["a", "b"], 200))),
+    ("12.episodes_needed", needed),
+    ("12.episodes_needed", lambda a, b, m: ceil(4 * (a - b).var(ddof=1) / m**2)),
+    ("12.episodes_needed", lambda a, b, m: float(needed(a, b, m))),
     ("12.diagnosis", diagnosis()),
     ("12.diagnosis", diagnosis(1.05, 0.85)),
     ("12.kept", kept),
