@@ -118,12 +118,16 @@ class Table:
         """Adds a cell to the file.
 
         Raises:
-            ValueError: a value is no number, word or truth value, or not finite.
+            ValueError: a value is no number, word or truth value, or not finite; a word reads as a
+                number; numbers have no axis; or a name is in the key.
         """
         first = key | dict.fromkeys(self.axes)
         last = {"seconds": seconds, "cpu_seconds": cpu_seconds}
-        for each in values if isinstance(values, list) else [values]:
-            self.rows += [_words(first | row | last) for row in _melted(each, self.axes)]
+        cells = values if isinstance(values, list) else [values]
+        rows = [row for each in cells for row in _melted(each, self.axes)]
+        if taken := {name for row in rows for name in row if name in {*key, *SPENT}}:
+            raise ValueError(f"compute must not return {min(taken)!r}, which is in the key or time")
+        self.rows += [_words(first | row | last) for row in rows]
         self.about["cpu_seconds"] = round(self.about["cpu_seconds"] + cpu_seconds, 1)
         self.write()
 
@@ -150,6 +154,8 @@ def _melted(values: Values, axes: Sequence[str]) -> list[Values]:
     for path, value in _leaves(values):
         numbers = tuple(part for part in path if not isinstance(part, str))
         name = "_".join(part for part in path if isinstance(part, str))
+        if len(numbers) > len(axes):
+            raise ValueError(f"axis must name what the numbers in {name} are, got {numbers}")
         row = (
             rows.setdefault(numbers, dict(zip(axes, numbers, strict=False))) if numbers else shared
         )
@@ -174,11 +180,20 @@ def _words(row: Values) -> dict[str, str]:
         if isinstance(value, float) and not math.isfinite(value):
             raise ValueError(f"{name} must be finite; got {value}")
         words[name] = "" if value is None else str(value)
+        if isinstance(value, str) and _reads_as_number(value):
+            raise ValueError(f"{name} must not be a word that reads as a number; got {value!r}")
         if "#" in words[name]:
             raise ValueError(f"{name} must not contain #, which begins a comment; got {value!r}")
         if len(f"{words[name]}.".splitlines()) > 1:
             raise ValueError(f"{name} must be one line; got {value!r}")
     return words
+
+
+def _reads_as_number(word: str) -> bool:
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return word.lower() in ("true", "false")
 
 
 def _read(path: Path) -> tuple[Values, list[dict[str, str]]]:

@@ -283,7 +283,8 @@ def check_real(value: Any, name: str, kinds: str = "fiub") -> NDArray[Any]:
         ValueError: it is a masked array in which something is masked.
     """
     if isinstance(value, Tensor):
-        value = check_without_gradient(value, name).cpu()
+        value = check_without_gradient(value, name).cpu().resolve_neg()
+        value = value.float() if value.dtype == torch.bfloat16 else value  # NumPy has no such type
     if np.ma.is_masked(value):
         raise ValueError(f"{name} has masked values: drop their rows, or fill them")
     try:

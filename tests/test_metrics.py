@@ -345,3 +345,9 @@ def test_the_floor_of_stored_rows_needs_twice_as_many(recwarn):
     assert not recwarn.list
     with pytest.warns(RuntimeWarning, match="fewer than twice n = 250: their floor is too low"):
         metrics.conditional_squared_w2(data.sample_given, data, n=250)
+
+
+def test_tensors_of_any_type():
+    values = torch.tensor([0.25, 0.5, 0.75])
+    assert bootstrap_interval(values.bfloat16()) == bootstrap_interval(values)
+    assert bootstrap_interval(values.double()) == bootstrap_interval(values.tolist())

@@ -94,6 +94,8 @@ def test_a_cell_may_have_several_rows(table):
         ("# 1", "value must not contain #"),
         ("two\nlines", "value must be one line"),
         ("two\u2028lines", "value must be one line"),
+        ("012e3", "value must not be a word that reads as a number; got '012e3'"),
+        ({1: 0.5, 16: 0.1}, "axis must name what the numbers in value are"),
     ],
 )
 def test_what_cannot_be_stored_is_refused(table, tmp_path, value, message):
@@ -113,3 +115,9 @@ def test_a_damaged_table_is_named(table, tmp_path, damage):
 
 def test_versions_are_those_of_what_was_used():
     assert {"python", "torch", "POT"} <= set(machine("POT")["versions"])
+
+
+@pytest.mark.parametrize("name", ["n", "seconds"])
+def test_a_column_of_the_key_is_not_overwritten(table, name):
+    with pytest.raises(ValueError, match=f"compute must not return '{name}'"):
+        table().fill([{"n": 1}], lambda key: {name: 2})

@@ -491,7 +491,8 @@ def draw_noise(x1: Tensor, source: Source | None, generator: Generator | None) -
     if source is None:
         return torch.randn(x1.shape, dtype=x1.dtype, generator=generator)
     drawn = _asked(source, "source", len(x1), generator)
-    noise = validation.check_shape(drawn, "source(n)", tuple(x1.shape)).to(x1)
+    noise = validation.check_shape(drawn, "source(n)", tuple(x1.shape))
+    noise = noise.to(x1, copy=True)  # a source may fill the same buffer again
     return validation.check_matrix(noise, f"source(n) in {x1.dtype}")
 
 

@@ -121,10 +121,12 @@ class Clusters(WithOptions):
     def labels(self, c: Tensor) -> Tensor:
         """The index 0 .. K-1 of each row's nearest centroid, (n,); distances are in float64."""
         centroids, c = self.centroids.to(c.device, torch.float64), validation.check_condition(c)
+        centre = centroids.mean(dim=0)  # far from 0 the distances would lose digits
+        near = centroids - centre
         labels = torch.empty(len(c), dtype=torch.long, device=c.device)
         # filled in place: small results that are kept between large blocks can break up the heap
         for part, found in zip(c.split(ROWS_AT_ONCE), labels.split(ROWS_AT_ONCE), strict=True):
-            found.copy_(torch.cdist(self.project(part).double(), centroids).argmin(dim=1))
+            found.copy_(torch.cdist(self.project(part).double() - centre, near).argmin(dim=1))
         return labels
 
     def __call__(self, c: Tensor) -> Tensor:
@@ -246,11 +248,7 @@ class EmbeddedClusters(Clusters):
 
     def __post_init__(self) -> None:
         validation.check_function(self.embed, "embed", "of c")
-        if _draws(self.embed):
-            raise ValueError(
-                "embed must be in eval mode: its dropout or batch normalisation gives a condition "
-                "other clusters each time"
-            )
+        _check_draws_nothing(self.embed)
         wanted = "clusters such as KMeansCondition()"
         validation.check_has(self.inner, "inner", wanted, "fit", "project")
         validation.check_count(self.rows, "rows")
@@ -283,15 +281,20 @@ class EmbeddedClusters(Clusters):
         self.inner.load_state_dict(state)
 
     def _embedded(self, c: Tensor) -> Tensor:
+        _check_draws_nothing(self.embed)  # somebody may train it meanwhile
         with torch.no_grad():
             return validation.check_condition(self.embed(*lent(c)), "embed(c)")
 
 
-def _draws(embed: Any) -> bool:
-    """Whether a network has dropout, or normalises by its batch, and trains."""
+def _check_draws_nothing(embed: Any) -> None:
+    """Raise ValueError if a network has dropout, or normalises by its batch, and trains."""
     parts = embed.modules() if isinstance(embed, torch.nn.Module) else ()
     kinds = torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm
-    return any(isinstance(part, kinds) and part.training for part in parts)
+    if any(isinstance(part, kinds) and part.training for part in parts):
+        raise ValueError(
+            "embed must be in eval mode: its dropout or batch normalisation gives a condition "
+            "other clusters each time"
+        )
 
 
 def _k_means(rows: Any, clusters: int, seed: int) -> Any:

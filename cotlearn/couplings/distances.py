@@ -18,7 +18,12 @@ LOST_DIGITS = 1e-6  #: share of the largest |a|^2 + |b|^2 below which the produc
 
 def to_numpy(value: Tensor) -> Array:
     """A tensor as a float64 array on the CPU; shares memory if it is one already."""
-    return value.detach().to("cpu", torch.float64).numpy()
+    return value.detach().to("cpu", torch.float64).resolve_neg().numpy()
+
+
+def distances(first: Tensor, second: Tensor) -> Tensor:
+    """|a_i - b_j|, also of rows that lie far from 0 and near each other."""
+    return torch.cdist(first, second, compute_mode="donot_use_mm_for_euclid_dist")
 
 
 def squared_distances(first: Tensor, second: Tensor) -> Array:

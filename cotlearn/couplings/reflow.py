@@ -43,7 +43,7 @@ class Reflow(Coupling):
         """Pair row i of the noise with the teacher's sample from it."""
         made = check_like(self.teacher(*lent(x0, c)), "teacher(x0, c)", x0)
         rows = np.arange(len(x0))
-        return Match(rows, rows, x1=made)
+        return Match(rows, rows, x1=made.clone())  # a teacher may fill the same buffer again
 
 
 @dataclass(repr=False, eq=False)

@@ -25,6 +25,7 @@ from cotlearn.couplings.base import (
 )
 from cotlearn.couplings.conditional import warn_if_imprecise
 from cotlearn.couplings.conditions import KMeansCondition
+from cotlearn.couplings.distances import distances
 from cotlearn.couplings.unheeded import warn_if_one_column_rules
 from cotlearn.progress import progress_bar
 from cotlearn.randomness import Purpose, generator_for
@@ -167,8 +168,8 @@ class SemidiscreteOT(Coupling):
         sizes = torch.tensor([float(len(group)) for group in self._points.groups])
         rng, c = generator_for(0, 0, Purpose.NEIGHBOURS), self._points.scaled_c
         some = c[torch.randperm(len(c), generator=rng)[:512]]
-        mean = _distances(x0.double(), x1.double()).square().mean()
-        near = torch.cdist(some, some).square() <= mean.cpu()
+        mean = distances(x0.double(), x1.double()).square().mean()
+        near = distances(some, some).square() <= mean.cpu()
         return float((sizes**2).sum() / sizes.sum() * near.double().mean())
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
@@ -211,7 +212,7 @@ class SemidiscreteOT(Coupling):
         rng = generator_for(0, 0, Purpose.STEP_SIZE)
         x1 = points.x1[torch.randint(len(points.x1), (256,), generator=rng)]
         noise = draw_noise(x1, source, rng).double()
-        cost = _distances(noise, x1.double() - points.move).square()
+        cost = distances(noise, x1.double() - points.move).square()
         largest = float(points.scaled_c.square().sum(dim=1).max())
         warn_if_imprecise(float(cost.mean()), largest, 1, self.condition_weight)
         first = FIRST_STEP * float(cost.std())
@@ -348,7 +349,7 @@ class _Points:
         features, gaps = self.features(x, torch.arange(len(x))), []
         for group in self.groups:
             some = torch.randperm(len(group), generator=rng)[: 1 + 256 // len(self.groups)]
-            distance = _distances(features[group[some]], features[group])
+            distance = distances(features[group[some]], features[group])
             distance[distance <= 0] = math.inf  # the row itself and its duplicates
             gaps.append(distance.min(dim=1).values)
         return float(torch.cat(gaps).median())
@@ -357,11 +358,6 @@ class _Points:
 def _kept(x: Tensor) -> Tensor:
     """X on the CPU without its graph; float32, or float64 if it came so."""
     return x.detach().to("cpu", torch.promote_types(x.dtype, torch.float32))
-
-
-def _distances(first: Tensor, second: Tensor) -> Tensor:
-    """|a_i - b_j|, also of rows that lie far from 0 and near each other."""
-    return torch.cdist(first, second, compute_mode="donot_use_mm_for_euclid_dist")
 
 
 def _copies(rows: Tensor, label: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor] | None:

@@ -4,6 +4,7 @@ A repr tells the options of a coupling, but not the noise of its fixed pairs, th
 teacher, or what a function or a class of a user computes. A training must not go on with others.
 """
 
+import argparse
 import contextlib
 import dataclasses
 import functools
@@ -26,6 +27,7 @@ GENERATED = "<string>"  #: where the methods that a dataclass gets have their co
 OPTIMISED = "_orig_mod"  #: where `torch.compile` keeps the module
 PLAIN = (type(None), bool, int, float, complex, str, bytes)
 FUNCTIONS = (types.FunctionType, types.BuiltinFunctionType, functools.partial)
+COLLECTIONS = (Mapping, list, tuple, set, frozenset, types.SimpleNamespace, argparse.Namespace)
 HELD = (*PLAIN, *FUNCTIONS, Tensor, np.ndarray, nn.Module)
 
 
@@ -34,7 +36,8 @@ def contents(part: Any) -> str:
 
     Of a dataclass it reads the fields, of another object the attributes without a leading
     underscore, and of a user's class the text of the methods, where Python has it. So a coupling
-    that counts its calls should call the counter `_calls`.
+    that counts its calls should call the counter `_calls`, and a loss the list of what it has seen
+    `_seen`.
     """
     reader = _Reader()
     reader.read(part)
@@ -71,6 +74,8 @@ class _Reader:
             self.say(str(len(value)))
             for item in value:
                 self.read(item)
+        elif isinstance(value, set | frozenset):
+            self.read(sorted(map(repr, value)))
         elif isinstance(value, functools.partial):
             self.read([value.func, value.args, value.keywords])
         elif inspect.ismethod(value):
@@ -93,7 +98,7 @@ class _Reader:
         if _is_users(function):
             self.read([function.__defaults__, function.__kwdefaults__])
             self._read_source(function)
-            self.read({k: v for k, v in held.globals.items() if isinstance(v, HELD)})
+            self.read({k: v for k, v in held.globals.items() if _counts(v)})
 
     def _read_source(self, function: Any) -> None:
         """The text of a function: unlike its byte code it is the same for another Python."""
@@ -159,4 +164,15 @@ def _options(value: Any) -> dict[str, Any]:
     public = _attributes(value)
     if isinstance(value, Coupling):
         return public
-    return {name: item for name, item in public.items() if isinstance(item, HELD)}
+    return {name: item for name, item in public.items() if _counts(item)}
+
+
+def _counts(value: Any) -> bool:
+    """Whether a user's function or object computes something else with another such value.
+
+    A file, a lock, a logger or a progress bar does not count.
+    """
+    if isinstance(value, type | types.ModuleType):
+        return False
+    ours = dataclasses.is_dataclass(value) or callable(value)
+    return ours or isinstance(value, (*HELD, *COLLECTIONS)) or _is_users(type(value))

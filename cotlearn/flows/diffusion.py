@@ -69,8 +69,8 @@ class Diffusion:
             )
         check_same_type(pairs.x1, pairs.x0)
         k = torch.randint(self.levels, (len(pairs),), generator=generator).to(pairs.x0.device)
-        a = self.alphas_cumprod.to(pairs.x0)[k][:, None]
-        signal, noise = a.sqrt(), (1 - a).sqrt()
+        a = self.alphas_cumprod.to(pairs.x0.device)[k][:, None].double()
+        signal, noise = a.sqrt().to(pairs.x0), (1 - a).sqrt().to(pairs.x0)  # each to its own digits
         x = signal * pairs.x1 + noise * pairs.x0
         velocity = signal * pairs.x0 - noise * pairs.x1
         target = {"noise": pairs.x0, "data": pairs.x1, "velocity": velocity}[self.prediction]

@@ -77,5 +77,5 @@ class Guided:
         """The guided velocity, (B, d)."""
         if c is None:
             raise TypeError("a guided velocity needs a condition c, got None")
-        plain = self.velocity(t, x, torch.zeros_like(c))
+        plain = self.velocity(t, x, torch.zeros_like(c)).clone()  # the next call may overwrite it
         return plain + self.scale * (self.velocity(t, x, c) - plain)

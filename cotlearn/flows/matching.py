@@ -141,9 +141,11 @@ def velocity_of(network: Velocity, prediction: str = "velocity") -> Velocity:
 def evaluate(velocity: Any, t: Time, x: Tensor, *inputs: Any, name: str = "velocity") -> Tensor:
     """velocity(t, x, *inputs), of x's shape (B, d) and, under autocast too, of its type.
 
-    It gets copies of x and of the inputs, which it may overwrite.
+    It gets copies of x and of the inputs, which it may overwrite; so may its next call what it
+    returned.
     """
-    return check_shape(velocity(t, *lent(x, *inputs)), name, x.shape, "return").to(x.dtype)
+    found = check_shape(velocity(t, *lent(x, *inputs)), name, x.shape, "return")
+    return found.to(x.dtype, copy=True)
 
 
 def uniform_times(pairs: Pairs, generator: torch.Generator | None) -> Tensor:

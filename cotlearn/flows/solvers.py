@@ -76,6 +76,8 @@ def integrate(
 ) -> Solution:
     """Integrate the velocity field from noise x0 at t = 0 to samples at t = 1.
 
+    The samples have no gradient. For a loss of samples write the steps x = x + v / nfe yourself.
+
     Args:
         velocity: called as velocity(t, x, c), t a scalar tensor; returns (B, d).
         x0: (B, d), finite.

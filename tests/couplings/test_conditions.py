@@ -277,3 +277,29 @@ def test_long_groupings_say_what_they_do(capsys, monkeypatch):
     assert capsys.readouterr().err == ""
     KMeansCondition(20).fit(torch.randn(51, 2))
     assert "grouping 51 conditions into 20 clusters, once" in capsys.readouterr().err
+
+
+def test_an_encoder_that_somebody_trains_is_refused_later_too():
+    """A policy that shares it had been set to train: 72 % of the labels changed at each call."""
+    encoder = torch.nn.Sequential(torch.nn.Linear(8, 64), torch.nn.Dropout(0.5)).eval()
+    c = torch.randn(300, 8, generator=seeded())
+    clusters = EmbeddedClusters(encoder, KMeansCondition(8)).fit(c)
+    torch.nn.ModuleDict({"encoder": encoder}).train()
+    with pytest.raises(ValueError, match="embed must be in eval mode"):
+        clusters.labels(c)
+
+
+def test_the_nearest_centroid_far_from_zero():
+    place = torch.randint(4, (400,), generator=seeded())
+    joint = 1e8 + place + 0.05 * torch.randn(400, dtype=torch.float64, generator=seeded())
+    pixels = 0.01 * torch.randn(400, 16, dtype=torch.float64, generator=seeded())
+    c = torch.cat([pixels, joint[:, None]], dim=1)
+    seen = PCAKMeansCondition(pixels=16, components=4, clusters=4).fit(c)
+    right = (seen.project(c)[:, None] - seen.centroids).square().sum(dim=2).argmin(dim=1)
+    assert torch.equal(seen.labels(c), right)
+
+
+def test_a_view_of_negated_numbers():
+    x = torch.fft.fft(torch.randn(40, 2, dtype=torch.float64, generator=seeded())).conj().imag
+    assert x.is_neg()
+    assert torch.equal(KMeansCondition(4).fit(x).labels(x), KMeansCondition(4).fit(+x).labels(+x))

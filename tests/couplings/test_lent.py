@@ -13,11 +13,14 @@ from cotlearn.couplings import (
     MinibatchOT,
     ModelAligned,
     Reflow,
+    SemidiscreteOT,
+    StratifiedBatches,
     StratifiedOT,
     Transformed,
     centred,
 )
 from cotlearn.couplings.base import Match
+from cotlearn.datasets import Dataset
 from cotlearn.flows import integrate
 from cotlearn.flows.one_step import Drifting
 
@@ -104,3 +107,17 @@ def test_a_velocity_that_writes_into_its_condition_leaves_it_alone():
     Drifting().sample(Network(), x0, c)
     assert torch.equal(c, torch.ones(4, 2))
     assert torch.allclose(integrate(lambda t, x, c: twice(c, x), x0, c, nfe=4).x1, x0 + 2)
+
+
+@pytest.mark.parametrize("coupling", [SemidiscreteOT(), StratifiedBatches(), MinibatchOT()])
+def test_a_source_may_return_the_same_buffer_each_time(coupling):
+    """Four batches of a stream held the noise of the last one."""
+    buffer, data = torch.empty(64, 2), Dataset(*torch.randn(2, 200, 2, generator=seeded()))
+
+    def source(n, generator=None):
+        given = buffer if n == 64 else torch.empty(n, 2)
+        return given.normal_(generator=generator)
+
+    stream = coupling.stream(data, batch_size=64, source=source, generator=seeded())
+    rows = torch.cat([next(stream).x0 for _ in range(4)])
+    assert len(rows.unique(dim=0)) == 256

@@ -2,6 +2,9 @@
 
 import copy
 import linecache
+import logging
+import threading
+from argparse import Namespace
 from functools import partial
 
 import numpy as np
@@ -119,6 +122,24 @@ class Acting(torch.nn.Module):
         return self.times * self.act(self.layer(torch.cat([x, c], dim=1)))
 
 
+class Config:
+    def __init__(self, rate):
+        self.rate = rate
+
+
+SETTINGS = {"scale": 1.0}
+
+
+def by_setting(scale):
+    """A loss that reads a dictionary of its file; it counts as it is when it is read."""
+    SETTINGS["scale"] = scale
+    return scaled_by_settings
+
+
+def scaled_by_settings(network, pairs, generator):
+    return SETTINGS["scale"] * conditional_flow_matching_loss(network, pairs, generator)
+
+
 def around(tensor):
     def loss(network, pairs, generator):
         return conditional_flow_matching_loss(network, pairs, generator) * tensor.sum()
@@ -162,6 +183,15 @@ OTHERS = {
     "a method of a loss": (lambda: Scaled(1), lambda: Shifted(1)),
     "a function in the place of a method": (lambda: patched(1), lambda: patched(2)),
     "a function of torch": (lambda: Reflow(torch.tanh), lambda: Reflow(torch.relu)),
+    "a list of a loss": (lambda: Scaled([1.0]), lambda: Scaled([2.0])),
+    "a set of a loss": (lambda: Scaled({"a", "b"}), lambda: Scaled({"a", "c"})),
+    "a loss in a loss": (
+        lambda: Scaled(FlowMatching()),
+        lambda: Scaled(FlowMatching(prediction="data")),
+    ),
+    "a user's object": (lambda: Scaled(Config(1)), lambda: Scaled(Config(2))),
+    "settings": (lambda: Scaled(Namespace(rate=1)), lambda: Scaled(Namespace(rate=2))),
+    "a dictionary of the file": (lambda: by_setting(1.0), lambda: by_setting(2.0)),
     "what a network computes": (lambda: Acting(torch.tanh), lambda: Acting(torch.relu)),
     "a network's number": (lambda: Acting(torch.tanh, 2), lambda: Acting(torch.tanh, 3)),
     "a network's method": (lambda: module(1), lambda: module(2)),
@@ -243,3 +273,12 @@ def test_a_checkpoint_is_refused_with_other_contents(tmp_path, part):
     train(True)
     with pytest.raises(ValueError, match=f"contents of the {part} was"):
         train(False)
+
+
+def test_what_only_watches_does_not_count():
+    log, lock = logging.getLogger("cotlearn.test"), threading.Lock()
+    first = contents(Scaled({"log": None})), contents(Scaled(log)), contents(Scaled(lock))
+    log.setLevel(logging.ERROR)
+    assert contents(Scaled(log)) == first[1]
+    with lock:
+        assert contents(Scaled(lock)) == first[2]

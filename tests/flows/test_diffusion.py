@@ -199,3 +199,20 @@ def test_data_beyond_the_clip_are_named():
     x, rows = 4 * torch.ones(8, 2), torch.arange(8)
     with pytest.warns(UserWarning, match="x1 reaches 4, and samples are clipped to 1"):
         Diffusion().loss(lambda t, x, c: x, Pairs(x, x, None, rows, rows), seeded())
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_half_precision_has_the_noise_of_its_level(dtype):
+    """1 - a was formed in half precision: the first twenty levels had no noise at all."""
+    diffusion, seen = Diffusion(levels=1000, clip=None), []
+
+    def network(t, x, c):
+        seen.append(x.double())
+        return torch.zeros_like(x)
+
+    ones = torch.ones(20_000, 1, dtype=dtype)
+    index = torch.arange(len(ones))
+    diffusion.loss(network, Pairs(ones, 0 * ones, None, index, index), seeded())
+    k = torch.randint(1000, (len(ones),), generator=seeded())
+    right = (1 - diffusion.alphas_cumprod.double()).sqrt()[k]
+    assert torch.allclose(seen[0][:, 0], right, rtol=0.01)

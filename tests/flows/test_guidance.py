@@ -69,3 +69,9 @@ def test_a_condition_that_may_be_zero_is_named(c):
     x, rows = torch.zeros(8, 2), torch.arange(8)
     with pytest.warns(UserWarning, match="LabelDropout hides a condition by zeros"):
         LabelDropout(0.5)(lambda t, x, c: x, Pairs(x, x, c, rows, rows))
+
+
+def test_a_velocity_may_return_the_same_buffer_each_time():
+    out = torch.empty(4, 2)
+    guided = Guided(lambda t, x, c: out.copy_(x + c.sum(dim=1, keepdim=True)), 3.0)
+    assert torch.equal(guided(0.5, torch.zeros(4, 2), torch.eye(4)), torch.full((4, 2), 3.0))

@@ -194,3 +194,20 @@ def test_a_jump_of_the_exact_network_is_the_gaussian(monkeypatch):
     for nfe in (1, 2, 5):
         assert torch.allclose(jump(network, x0, nfe=nfe), MEAN + SPREAD * x0)
     assert math.isclose(float(Exact()(0.0, x0[:1] * 0)), MEAN)
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
+@pytest.mark.parametrize("loss", [Shortcut(1.0), MeanFlow(0.0, uniform=True)])
+def test_no_jump_ends_beyond_the_data(loss, dtype):
+    """In half precision a place was rounded up to 1, and a jump of 1 began there."""
+    ends = []
+
+    class Mean(nn.Module):
+        def forward(self, t, x, c=None, length=0.0):
+            ends.append((t + length).double())
+            return torch.zeros_like(x)
+
+    index = torch.arange(20_000)
+    pairs = Pairs(*torch.randn(2, 20_000, 2, generator=seeded()).to(dtype), None, index, index)
+    loss(Mean(), pairs, seeded())
+    assert ends[-1].max() <= 1

@@ -9,6 +9,7 @@ from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Velocity, evaluate, squared_error
 from cotlearn.validation import check_inputs
 
+DIRECT = "donot_use_mm_for_euclid_dist"  #: a matrix product would lose digits
 TEMPERATURES = (0.02, 0.05, 0.2)  #: of the kernel, in units of the mean distance to the data
 
 
@@ -77,7 +78,10 @@ def drift(y: Tensor, data: Tensor) -> Tensor:
     """
     if len(y) < 2:
         return torch.zeros_like(y)
-    to_data, to_others = torch.cdist(y, data), torch.cdist(y, y).fill_diagonal_(torch.inf)
+    centre = data.mean(dim=0)  # V does not change with it, and digits are lost far from 0
+    y, data = y - centre, data - centre
+    to_data, to_others = (torch.cdist(y, z, compute_mode=DIRECT) for z in (data, y))
+    to_others.fill_diagonal_(torch.inf)
     scale = to_data.mean().clamp(min=torch.finfo(y.dtype).tiny)
     temperatures = y.new_tensor(TEMPERATURES)[:, None, None]
     logits = torch.cat([to_data, to_others], dim=1) / (-temperatures * scale)

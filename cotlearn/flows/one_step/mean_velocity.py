@@ -133,12 +133,17 @@ def _starts_and_lengths(
 ) -> tuple[Tensor, Tensor]:
     """Sorted times t and r of each row as t and r - t, a share of them with r = t."""
     draw = torch.rand if loss.uniform else torch.randn
-    times = draw(2, len(pairs), generator=rng).to(pairs.x0)
+    times = draw(2, len(pairs), generator=rng).to(pairs.x0.device, _wide(pairs))
     if not loss.uniform:
         times = (times + LOCATION).sigmoid()
-    t, r = times.amin(dim=0), times.amax(dim=0)
-    instant = torch.rand(len(pairs), generator=rng).to(pairs.x0) < loss.share_instant
+    t, r = times.amin(dim=0).to(pairs.x0), times.amax(dim=0).to(pairs.x0)
+    instant = torch.rand(len(pairs), generator=rng).to(times) < loss.share_instant
     return t, (r - t).masked_fill(instant, 0.0)
+
+
+def _wide(pairs: Pairs) -> torch.dtype:
+    """The type to draw times in: half precision would round them up to 1."""
+    return torch.promote_types(pairs.x0.dtype, torch.float32)
 
 
 @dataclass(frozen=True)
@@ -166,10 +171,11 @@ class Shortcut:
         """
         _check_takes_lengths(network)
         level = torch.randint(LEVELS, (len(pairs),), generator=generator)
-        long = 0.5 ** level.to(pairs.x0)
-        place, drawn = torch.rand(2, len(pairs), generator=generator).to(pairs.x0).unbind()
+        long = 0.5 ** level.to(pairs.x0.device, _wide(pairs))
+        place, drawn = torch.rand(2, len(pairs), generator=generator).to(long).unbind()
         jumps = drawn < self.share
-        t = torch.where(jumps, (place / long).floor() * long, place)
+        t = torch.where(jumps, (place / long).floor() * long, place).to(pairs.x0)
+        long = long.to(pairs.x0)
         length = long.masked_fill(~jumps, 0.0)
         x, target = interpolate(pairs.x0, pairs.x1, t), pairs.x1 - pairs.x0
         if jumps.any():
@@ -177,7 +183,7 @@ class Shortcut:
                 half = long[jumps] / 2
                 said = half.masked_fill(level.to(jumps.device)[jumps] == LEVELS - 1, 0.0)
                 c = None if pairs.c is None else pairs.c[jumps]
-                first = network(t[jumps], x[jumps], c, said)
+                first = network(t[jumps], x[jumps], c, said).clone()  # the next may overwrite it
                 second = network(t[jumps] + half, x[jumps] + half[:, None] * first, c, said)
             target = target.index_put((jumps,), ((first + second) / 2).to(target))  # autocast
         return squared_error(network(t, x, pairs.c, length), target)
