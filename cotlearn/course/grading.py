@@ -6,7 +6,6 @@ run can be stopped at any time and repeated: only what is new or changed is grad
 
 import csv
 import hashlib
-import html
 import io
 import json
 import os
@@ -266,7 +265,9 @@ def _words(item: Mark) -> list[str]:
 def _plain_markdown(text: str) -> str:
     """Escapes a text in which a student's words may be, so that it is shown as it is.
 
-    No tag, link, image, code or emphasis comes of it. An underscore inside a word is none.
+    No tag, link, image, code or emphasis comes of it. An underscore inside a word is none, and "<="
+    stays as it is, for those who read the page as text.
     """
     marks = r"\\(?=[^\w\s])|[`*\[]|(?<![^\W_])_|_(?![^\W_])"
-    return html.escape(re.sub(marks, r"\\\g<0>", text), quote=False)
+    text = re.sub(r"&(?=#?\w+;)", "&amp;", re.sub(marks, r"\\\g<0>", text))
+    return re.sub(r"<(?=[^\s=\d])", "&lt;", text)

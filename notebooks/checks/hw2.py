@@ -158,5 +158,5 @@ def _choice(weights: list[float], skew: list[float], variance: list[float], budg
         "return the weight, not what was measured for it": measured.__contains__,
         "the smallest weight within the budget need not have the smallest variance": smallest,
     }
-    hint = f"of the weights with skew <= {budget:g} {weights[best]:g} has the smallest variance"
+    hint = f"of the weights with skew <= {budget:g}, {weights[best]:g} has the smallest variance"
     return Case(given, weights[best], wrong, hint, tolerance=0)

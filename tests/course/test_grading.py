@@ -222,16 +222,16 @@ def test_an_answer_that_no_kernel_came_to_is_noted():
 def test_a_students_words_are_no_html():
     words = r"raised E: <b>no</b> & ![x](http://a.b) `c` *d* __e__ \x1b \<i> exact_velocity"
     shown = (
-        r"raised E: &lt;b&gt;no&lt;/b&gt; &amp; !\[x](http://a.b) \`c\` \*d\* \_\_e\_\_"
-        r" \x1b \\&lt;i&gt; exact_velocity"
+        r"raised E: &lt;b>no&lt;/b> & !\[x](http://a.b) \`c\` \*d\* \_\_e\_\_"
+        r" \x1b \\&lt;i> exact_velocity"
     )
     wrong = marking.Mark("hw1.euler", "not yet", words, 0, 4, [f"{words}!"])
     made = grading.page("<b>.ipynb", marking.Marked("hw1", "Homework 1", [wrong], words))
-    assert made.splitlines()[2].startswith("&lt;b&gt;.ipynb: 0 of 4")
+    assert made.splitlines()[2].startswith("&lt;b>.ipynb: 0 of 4")
     assert f"Note: {shown}." in made
     assert f"✗ {shown}\n- {shown}!" in made
     ungraded = grading.page("<b>.ipynb", marking.Marked(note=words))
-    assert ungraded == f"# &lt;b&gt;.ipynb\n\nThis could not be graded: {shown}.\n"
+    assert ungraded == f"# &lt;b>.ipynb\n\nThis could not be graded: {shown}.\n"
 
 
 def test_ctrl_c_keeps_what_was_graded(tmp_path, masters):
