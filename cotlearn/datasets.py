@@ -83,6 +83,8 @@ class Dataset:
         validation.check_without_gradient(validation.check_matrix(self.x1, "x1"), "x1")
         if self.c is not None:
             c = validation.check_without_gradient(validation.check_condition(self.c), "c")
+            if c is not self.c:  # of other numbers it is a copy: then both are
+                object.__setattr__(self, "x1", self.x1.clone())
             object.__setattr__(self, "c", c)
             validation.check_same_rows(self.x1, "x1", self.c, "c")
 
@@ -158,7 +160,7 @@ def unconditional(data: Any) -> Unconditional | Dataset:
     """Remove the condition of `data`; a `Dataset` stays a `Dataset`."""
     validation.check_has(data, "data", "data such as mixtures.petals()", "sample", "name", "dim")
     name = f"{data.name} without condition"
-    if isinstance(data, Dataset):
+    if type(data) is Dataset:
         return Dataset(data.x1, None, name)
     return Unconditional(data, name, int(data.dim))
 

@@ -119,3 +119,22 @@ def test_many_rows_far_from_zero_are_standardised():
     scaled = Standardiser.fit(rows)(rows).double()
     assert abs(float(scaled.mean())) < 0.5  # the mean is float32, too: 1e7 + 0.5 is rounded
     assert float(scaled.std()) == pytest.approx(1, abs=0.01)
+
+
+def test_integer_conditions_and_their_rows_stay_together():
+    """c was a copy and x1 was not: refilled together, rows got the conditions of others."""
+    x1, c = torch.arange(8.0)[:, None], torch.arange(8)[:, None]
+    data = Dataset(x1, c)
+    order = torch.randperm(8, generator=seeded())
+    x1.copy_(x1[order]), c.copy_(c[order])
+    assert torch.equal(data.x1, data.c)
+
+
+def test_a_data_set_of_ones_own_keeps_its_way_to_draw():
+    class Shifted(Dataset):
+        def sample(self, n, generator=None):
+            x1, c = super().sample(n, generator)
+            return x1 + 100, c
+
+    data = Shifted(torch.zeros(8, 2), torch.eye(8))
+    assert unconditional(data).sample(4)[0].min() == 100

@@ -18,6 +18,7 @@ from cotlearn.diagnostics.skew import ROWS_FOR_EACH, LinearSkew, linear_skew
 Condition = Tensor | Mapping[str, Tensor] | None
 
 CHECK_AFTER = 100  #: batches, after which `PairedNoise` tests its noise
+IN_A_WORKER = 20  #: the same in a worker of a DataLoader, which may end with its epoch
 KEPT_ROWS = 20_000  #: of noise and condition, for this test
 CELLS = 64  #: of the condition, in this test
 COLUMNS = 256  #: of the noise, in this test: of more, evenly spaced ones
@@ -66,8 +67,9 @@ class PairedNoise:
     """`paired_noise` of many batches, with a warning if the noise depends on the condition.
 
     Such noise is not what a network samples from later. After 100 batches (more if they are small)
-    `skew` is computed, of at most 256 columns; a share above 0.05 gives a warning. Labels of more
-    than 64 values are taken for numbers, of which near ones are put together: make them one-hot.
+    `skew` is computed, of at most 256 columns; a share above 0.05 gives a warning. A worker of a
+    `DataLoader` tests its own noise, after 20 of its batches. Labels of more than 64 values are
+    taken for numbers, of which near ones are put together: make them one-hot.
 
     Args:
         coupling: as in `paired_noise`.
@@ -132,7 +134,7 @@ class PairedNoise:
 
     def _check(self) -> None:
         """After enough batches and rows, warn once if the noise is skewed."""
-        if len(self._kept) < CHECK_AFTER:
+        if len(self._kept) < (IN_A_WORKER if get_worker_info() else CHECK_AFTER):
             return
         rows, columns = sum(len(x0) for x0, *_ in self._kept), int(self._varied().sum())
         if rows < ROWS_FOR_EACH * max(columns, CELLS):
@@ -216,6 +218,8 @@ def _paired(
         x0 = _rows(validation.check_shape(noise, "noise", tuple(actions.shape)), "noise")
     x0 = x0.to(x1)
     varies = (x1 != x1[0]).any(dim=0)
+    if getattr(coupling, "inverse", None) is not None:
+        varies = torch.ones_like(varies)  # a frame may mix the columns
     clustered = getattr(coupling, "condition", None) is not None
     c = None if condition is None else _matrix(condition, "condition", clustered)
     with torch.autocast(x1.device.type, enabled=False):

@@ -48,9 +48,12 @@ class AdaptiveConditionalOT(ConditionalOT):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        self._check_ratio()
+        self._warned = False
+
+    def _check_ratio(self) -> None:
         if not 0 < check_number(self.target_ratio, "target_ratio") < 1:
             raise ValueError(f"target_ratio must lie between 0 and 1, got {self.target_ratio}")
-        self._warned = False
 
     def weight(
         self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
@@ -59,6 +62,7 @@ class AdaptiveConditionalOT(ConditionalOT):
 
         The goal is target_ratio, or r(infinity) where that is larger.
         """
+        self._check_ratio()  # it may have been set since
         partner = np.argsort(noise_condition_index)  # the noise row that has condition j
         slack = sample_cost[partner, np.arange(len(partner))] - sample_cost  # M_jj - M_ij
 

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation, sinkhorn_plan
 from cotlearn.couplings.base import Array, Coupling, Index, Match, Traits, lent
+from cotlearn.couplings.conditions import check_draws_nothing
 from cotlearn.couplings.distances import near_rows, squared_distances
 from cotlearn.couplings.unheeded import warn_if_one_column_rules
 
@@ -24,7 +25,8 @@ class ModelAligned(Coupling):
 
     - "weighted" (the authors' default): keep the batch's random pairs. The share `fraction` with
       the lowest error gets weight 1 + boost, the rest weight 1; weights are scaled to mean 1.
-    - "topk" (the paper's abstract): train only on that share; all other pairs get weight 0.
+    - "topk" (the paper's abstract): train only on that share; all other pairs get weight 0. So the
+      noise that is trained is not the prior, and depends on the condition; with "weighted", less.
     - "full": take the B x B errors as cost, compute a Sinkhorn plan whose regularisation falls
       from `regularization[0]` to `regularization[1]`, and use the permutation with the largest
       sum of plan entries. This pairs across conditions and so has naive OT's skew, unless
@@ -59,6 +61,14 @@ class ModelAligned(Coupling):
     traits = Traits(needs_network=True, transformable=False)
 
     def __post_init__(self) -> None:
+        self._check_options()
+        if self.condition_weight > 0:
+            self.traits = replace(self.traits, needs_condition=True)
+        self._network: Any = None
+        self._step = 0
+        self.evaluations = 0  #: rows of the network evaluated for the last batch
+
+    def _check_options(self) -> None:
         validation.check_choice(self.variant, "variant", ("weighted", "topk", "full"))
         validation.check_positive(validation.check_share(self.fraction, "fraction"), "fraction")
         validation.check_number(self.boost, "boost")
@@ -68,20 +78,21 @@ class ModelAligned(Coupling):
         weight = validation.check_number(self.condition_weight, "condition_weight")
         if weight and self.variant != "full":
             raise ValueError("condition_weight is for variant 'full': the others pair i with i")
-        if self.condition_weight > 0:
-            self.traits = replace(self.traits, needs_condition=True)
-        self._network: Any = None
-        self._step = 0
-        self.evaluations = 0  #: rows of the network evaluated for the last batch
 
     def observe(self, network: nn.Module, step: int) -> None:
-        """Score with `network` from now on; `step` drives the warm-up."""
+        """Score with `network` from now on; `step` drives the warm-up.
+
+        Raises:
+            ValueError: the network is in train mode, and has dropout or normalises by its batch.
+        """
+        check_draws_nothing(network, "network", "a pair gets other errors each time")
         self._network, self._step = network, step
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Weigh the batch's own pairs, or assign by the errors of all pairs."""
         if self._network is None:
             raise ValueError("no network yet: call observe(network, step) before pairing")
+        self._check_options()  # they may have been set since
         rows = np.arange(len(x0))
         if self.variant == "full":
             return Match(rows, self._assign(x0, x1, c))

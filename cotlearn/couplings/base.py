@@ -19,6 +19,7 @@ from torch import Generator, Tensor
 from torch.utils.data import get_worker_info
 
 from cotlearn import validation
+from cotlearn.datasets import Dataset
 from cotlearn.randomness import Purpose, generator_for
 
 Array = NDArray[np.float64]
@@ -285,7 +286,12 @@ class Coupling(WithOptions):
             validation.check_function(source, "source", "(n, generator) -> x0")
         wanted = "an object with sample(n, generator), as Dataset(x1, c)"
         validation.check_has(data, "data", wanted, "x1" if hasattr(data, "x1") else "sample")
+        worker = get_worker_info()
         seed = torch.initial_seed() if generator is None else generator.initial_seed()
+        if worker and generator is None:
+            seed = worker.seed - worker.id  # that of all workers, who share the batches
+        if whole:
+            _warn_of_own_sample(self, data)
         epoch = self.epoch_rows(data)
         own = self.prepared(data, source, generator_for(seed, 0, Purpose.PREPARATION))
         turn = own._last_turn()
@@ -293,7 +299,6 @@ class Coupling(WithOptions):
         if epoch:  # a batch may take several of them
             rows, solves = epoch, math.ceil(batch_size / epoch)
         count = solves * rows // batch_size  # batches that are paired at once
-        worker = get_worker_info()
         workers, mine = (worker.num_workers, worker.id) if worker else (1, 0)
         for number in itertools.count(start // count):
             first = number * count
@@ -405,6 +410,15 @@ class Batches(Coupling):
 
     def __init__(self, batches: Iterator[Pairs]) -> None:
         self._batches = batches
+
+    def stream(self, data: Sampler, *, start: int = 0, **options: Any) -> Iterator[Pairs]:
+        """The batches from number `start` on; a worker of a DataLoader yields its share of them."""
+        for skipped in range(validation.check_count(start, "start", minimum=0)):
+            if next(self._batches, None) is None:
+                raise ValueError(f"start must be below the number of batches, {skipped}")
+        worker = get_worker_info()
+        step, first = (worker.num_workers, worker.id) if worker else (1, 0)
+        yield from itertools.islice(self._batches, first, None, step)
 
     def solve(self, data: Any, n: int, source: Source | None, generator: Generator) -> Pairs:
         """The next batch."""
@@ -538,6 +552,17 @@ def _check_rows(value: Any, name: str, rows: int) -> Tensor:
             got += f" from {int(index.min())} to {int(index.max())}"
         raise ValueError(f"match must give {name} as {rows} rows from 0 to {rows - 1}, got {got}")
     return index.to(torch.long)
+
+
+def _warn_of_own_sample(coupling: Coupling, data: Any) -> None:
+    """Warn of data that draw rows in a way of their own, which a coupling of whole data ignores."""
+    own = getattr(type(data), "sample", None)
+    if isinstance(data, Dataset) and own is not Dataset.sample:
+        warnings.warn(
+            f"{type(coupling).__name__} takes the rows x1 and c of all the data, and does not call "
+            f"{type(data).__name__}.sample: rows are not drawn by it",
+            stacklevel=4,
+        )
 
 
 def _warn_of_copies(generator: Generator | None) -> None:

@@ -6,6 +6,7 @@ Each is fitted once, on the training set, and then called as f(c) -> (n, m).
 
 import copy
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, fields
 from typing import Any, Self
@@ -23,6 +24,7 @@ from cotlearn.datasets import Standardiser
 
 LARGEST_SEED = 2**32 - 1  #: that scikit-learn takes
 ROWS_AT_ONCE = 4096  #: rows whose distances to the centroids are held in memory at once
+BEYOND = 3.0  #: times the usual distance from the clusters, for a warning
 LONG = 2e7  #: rows times clusters from which k-means takes more than some seconds, and says so
 
 
@@ -86,6 +88,7 @@ class Clusters(WithOptions):
     own = False  #: whether a coupling made them from a number: another must not get them fitted
     fitted_to = b""  #: digest of what a coupling fitted them to; it fits others to other data
     _fitted: Mapping[str, Tensor] = {}
+    _needed: tuple[str, ...] = ()  # tensors that `project` takes
 
     def __post_init__(self) -> None:
         validation.check_count(self.clusters, "clusters")
@@ -101,8 +104,14 @@ class Clusters(WithOptions):
         validation.check_count(self.clusters, "clusters", most=len(c), of="the {} rows of c")
         half = copy.copy(self)  # other threads must not meet clusters that are half fitted
         half._fitted = self._fit(c)
-        centroids = _k_means(to_numpy(half.project(c)), self.clusters, self.seed)
-        self._fitted = {**half._fitted, "centroids": torch.from_numpy(centroids).to(c)}
+        seen = half.project(c)
+        centroids = torch.from_numpy(_k_means(to_numpy(seen), self.clusters, self.seed))
+        half._fitted = {**half._fitted, "centroids": centroids.to(c)}
+        far, label = half._nearest(c)
+        between = torch.cdist(centroids, centroids).fill_diagonal_(math.inf).min(dim=1).values
+        usual = max(float(far.median()), float(between[label.cpu()].median()) / 2)
+        radius = torch.tensor(0.0 if math.isinf(usual) else usual).to(c)
+        self._fitted = {**half._fitted, "radius": radius}
         return self
 
     def _fit(self, c: Tensor) -> dict[str, Tensor]:
@@ -118,16 +127,37 @@ class Clusters(WithOptions):
         """The centroids (K, m), in the space of `project`."""
         return self._ready("centroids")
 
+    @property
+    def radius(self) -> float:
+        """The usual distance from the nearest centroid, of the rows of the fit; 0 if not known."""
+        return float(self._fitted.get("radius", 0.0))
+
     def labels(self, c: Tensor) -> Tensor:
         """The index 0 .. K-1 of each row's nearest centroid, (n,); distances are in float64."""
-        centroids, c = self.centroids.to(c.device, torch.float64), validation.check_condition(c)
+        far, labels = self._nearest(validation.check_condition(c))
+        usual = self.radius
+        if (now := float(far.median())) > BEYOND * usual > 0:
+            warnings.warn(
+                f"most rows of c are {now / usual:.0f} times as far from the clusters as those "
+                f"that {self!r} was fitted to, so that nothing is told apart: give c in the "
+                "units of the fit",
+                stacklevel=3,
+            )
+        return labels
+
+    def _nearest(self, c: Tensor) -> tuple[Tensor, Tensor]:
+        """The distance to each row's nearest centroid, and its index, (n,)."""
+        centroids = self.centroids.to(c.device, torch.float64)
         centre = centroids.mean(dim=0)  # far from 0 the distances would lose digits
         near = centroids - centre
+        far = torch.empty(len(c), dtype=torch.float64, device=c.device)
         labels = torch.empty(len(c), dtype=torch.long, device=c.device)
         # filled in place: small results that are kept between large blocks can break up the heap
-        for part, found in zip(c.split(ROWS_AT_ONCE), labels.split(ROWS_AT_ONCE), strict=True):
-            found.copy_(torch.cdist(self.project(part).double() - centre, near).argmin(dim=1))
-        return labels
+        for rows in torch.arange(len(c)).split(ROWS_AT_ONCE):
+            some = slice(int(rows[0]), int(rows[-1]) + 1)
+            away = torch.cdist(self.project(c[some]).double() - centre, near).min(dim=1)
+            far[some], labels[some] = away.values, away.indices
+        return far, labels
 
     def __call__(self, c: Tensor) -> Tensor:
         """The nearest centroid of each row of c (n, k), (n, m)."""
@@ -138,7 +168,15 @@ class Clusters(WithOptions):
         return dict(self._fitted)
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Restore the state that `state_dict` returned."""
+        """Restore the state that `state_dict` returned.
+
+        Raises:
+            ValueError: it is of clusters of another kind or number.
+        """
+        if missing := {"centroids", *self._needed} - state.keys():
+            raise ValueError(f"state must be of {self!r}: it has no {min(missing)!r}")
+        if (count := len(state["centroids"])) > self.clusters:
+            raise ValueError(f"state must be of {self!r}, got {count} centroids")
         self._fitted = dict(state)
 
     def _ready(self, name: str) -> Tensor:
@@ -162,6 +200,7 @@ class KMeansCondition(Clusters):
     clusters: int = 64
     _: KW_ONLY
     seed: int = 0
+    _needed = "mean", "std"
 
     def fit(self, c: Tensor) -> Self:
         """Find the centroids of c (n, k); warn if they tell apart most columns, but not all."""
@@ -204,6 +243,7 @@ class PCAKMeansCondition(Clusters):
     pixels: int | None = None
     components: int = 100
     clusters: int = 64
+    _needed = "mean", "basis"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -248,7 +288,7 @@ class EmbeddedClusters(Clusters):
 
     def __post_init__(self) -> None:
         validation.check_function(self.embed, "embed", "of c")
-        _check_draws_nothing(self.embed)
+        check_draws_nothing(self.embed, "embed", "a condition gets other clusters each time")
         wanted = "clusters such as KMeansCondition()"
         validation.check_has(self.inner, "inner", wanted, "fit", "project")
         validation.check_count(self.rows, "rows")
@@ -271,6 +311,11 @@ class EmbeddedClusters(Clusters):
         """The centroids (K, m) of `inner`."""
         return self.inner.centroids
 
+    @property
+    def radius(self) -> float:
+        """That of `inner`."""
+        return self.inner.radius
+
     def state_dict(self) -> dict[str, Tensor]:
         """The fitted tensors of `inner`."""
         return self.inner.state_dict()
@@ -281,19 +326,20 @@ class EmbeddedClusters(Clusters):
         self.inner.load_state_dict(state)
 
     def _embedded(self, c: Tensor) -> Tensor:
-        _check_draws_nothing(self.embed)  # somebody may train it meanwhile
+        check_draws_nothing(
+            self.embed, "embed", "a condition gets other clusters each time"
+        )  # somebody may train it meanwhile
         with torch.no_grad():
             return validation.check_condition(self.embed(*lent(c)), "embed(c)")
 
 
-def _check_draws_nothing(embed: Any) -> None:
+def check_draws_nothing(network: Any, name: str, else_: str) -> None:
     """Raise ValueError if a network has dropout, or normalises by its batch, and trains."""
-    parts = embed.modules() if isinstance(embed, torch.nn.Module) else ()
+    parts = network.modules() if isinstance(network, torch.nn.Module) else ()
     kinds = torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm
     if any(isinstance(part, kinds) and part.training for part in parts):
         raise ValueError(
-            "embed must be in eval mode: its dropout or batch normalisation gives a condition "
-            "other clusters each time"
+            f"{name} must be in eval mode: it has dropout or batch normalisation, and {else_}"
         )
 
 

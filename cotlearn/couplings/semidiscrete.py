@@ -67,7 +67,8 @@ class SemidiscreteOT(Coupling):
     Larger N without clusters, or in many dimensions, was not measured.
 
     Args:
-        condition_weight: w, at least 0.
+        condition_weight: w, at least 0. With 0, the default, and no clusters the condition does not
+            count, and noise depends on it, as in `MinibatchOT`.
         clusters: K, or None. Noise and data are then paired only within their condition cluster (w
             still counts inside), and a search evaluates N/K rows instead of N.
         iterations: steps of the ascent, at least 1, each on N/32 noise rows (at least 64, at most
@@ -245,7 +246,10 @@ class SemidiscreteOT(Coupling):
         return {**state, "c": points.c} if points.c.numel() else state
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Restore the state that `state_dict` returned, of a coupling with the same options."""
+        """Restore the state that `state_dict` returned, of a coupling with the same options.
+
+        A potential holds for the noise that it was fitted to: stream with the same source.
+        """
         check_written(state, self)
         if state:
             self._points = _Points(self, state["x1"], state.get("c"))

@@ -89,15 +89,19 @@ class StratifiedOT(Coupling):
         if not isinstance(self.residual, bool):
             raise TypeError(f"residual must be True or False, got {self.residual!r}")
         self.name = "residual" if self.residual else self.name
-        check_count(self.rows_per_solve, "rows_per_solve", minimum=2, most=LARGEST_SOLVE)
+        self._check_rows()
         if self.n_samples is not None:
             check_count(self.n_samples, "n_samples")
         self._last = self._shown = Last()  # `candidates` reads the second
         self._of_a_stream = self._warned = False
         self._options = self.residual, repr(self.clusters)
 
+    def _check_rows(self) -> None:
+        check_count(self.rows_per_solve, "rows_per_solve", minimum=2, most=LARGEST_SOLVE)
+
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:
         """Pair within the clusters of c; row i of the noise has the cluster of c_i."""
+        self._check_rows()  # it may have been set since
         if not (self._of_a_stream or self._warned):
             self._warned = True
             warnings.warn(

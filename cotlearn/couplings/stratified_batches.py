@@ -65,8 +65,9 @@ class StratifiedBatches(Independent):
         self, data: Any, source: Source | None, generator: torch.Generator
     ) -> StratifiedBatches:
         """A copy that keeps its strata, whatever other streams need."""
-        self.prepare(data, source, generator)
-        return copy.copy(self)
+        own = copy.copy(self)
+        own.prepare(data, source, generator)
+        return own
 
     def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
         """Draw n rows from strata, the last one's group cut where n is no multiple of `rows`."""

@@ -24,6 +24,7 @@ from cotlearn.couplings.base import (
 from cotlearn.validation import check_condition, check_function, check_has
 
 LARGE = 2048  #: rows from which transformed values are kept for the next epoch
+INVERSE = 1e-2  #: largest error of the inverse, as a share of the longest row
 LOOKED_AT = 256  #: rows by which a change of the transform is seen
 UNCHANGED = 1e-4  #: largest difference of values that count as equal, as a share of the largest
 
@@ -74,6 +75,11 @@ class Transformed(Coupling):
                 f"data: not a network's or teacher's, nor SemidiscreteOT; got {inner!r}"
             )
         check_function(self.forward, "forward", "(x, c) -> x")
+        if getattr(inner, "inverse", None) is not None:
+            raise ValueError(
+                "coupling must not have an inverse of its own, which would be left out: wrap it "
+                f"the other way round, Transformed(centred(...), forward, inverse); got {inner!r}"
+            )
         if self.inverse is not None:
             check_function(self.inverse, "inverse", "(x, c) -> x")
         self.name, self.traits = inner.name, replace(inner.traits, needs_condition=True)
@@ -90,7 +96,14 @@ class Transformed(Coupling):
         pairs = super().__call__(x0, x1, c, generator)
         if self.inverse is None or pairs.c is None:
             return pairs
-        noise = self._apply("inverse", pairs.x0, check_condition(pairs.c))
+        c = check_condition(pairs.c)
+        noise = self._apply("inverse", pairs.x0, c)
+        off = (self._apply("forward", noise, c) - pairs.x0).norm(dim=1).max()
+        if float(off) > INVERSE * float(pairs.x0.norm(dim=1).max()):
+            raise ValueError(
+                f"inverse must undo forward: noise came back off by {float(off):.3g}, so the pairs "
+                "would not be those of the frame"
+            )
         return replace(pairs, x0=noise.to(pairs.x0.dtype))
 
     def match(self, x0: Tensor, x1: Tensor, c: Any, rng: np.random.Generator) -> Match:

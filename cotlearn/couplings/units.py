@@ -23,6 +23,9 @@ Mask = NDArray[np.bool_]
 
 FAR = 16.0  #: spreads from the median beyond which distances grow like logarithms
 SEVERAL = 6.0  #: spreads of the typical difference above which a column has several scales
+SMALL, OFTEN = 0.16, 0.08  #: and those below which it has, if this share of differences is smaller
+GAP, RARE = 1.0, 0.02  #: and a gap of so many spreads, with more than so few rows on each side
+CODES = 64  #: and at most so many values, or one value in more than a share `OFTEN` of the rows
 KNOTS = 4096  #: most values of a column whose ranks are kept
 PAIRS = 1024  #: random pairs of rows whose differences measure a spread
 ROUNDING = 8  #: units in the last place below which values count as equal
@@ -40,9 +43,10 @@ class OwnUnits:
     Values z spreads from the median, z above 16, are drawn to 16 + log(z / 16); none merge.
 
     No spread fits a column of several scales: a switch with a jitter of a thousandth, a sensor with
-    many sentinels, powers of ten. Its typical difference would be many spreads, so that it would
-    outweigh the others. Such a column is replaced by twice the mid-rank of its values, from 0 to 2,
-    in which two values differ by 1 as well.
+    many sentinels, powers of ten, a flag with 99 for a missing value. Its typical difference would
+    be many spreads, so that it would outweigh the others, or many differences a small part of one,
+    so that nothing would heed them. Such a column is replaced by twice the mid-rank of its values,
+    from 0 to 2, in which two values differ by 1 as well.
 
     Values that differ by rounding count as equal: by 8 units in the last place, and by 2 in a
     column whose values lie within 128 of them, as 0.95 and 1 do in bfloat16. Whole numbers are
@@ -83,7 +87,10 @@ class OwnUnits:
         spread = np.where(differ.any(axis=0), usual, reach)
         centre = _median(first, np.isfinite(first))
         apart = _near(_scaled(first, centre, spread)) - _near(_scaled(second, centre, spread))
-        several = np.flatnonzero(np.sqrt(_mean(np.square(apart), differ)) > SEVERAL)
+        small = _lower(unequal, differ, OFTEN) < SMALL * spread
+        for column in np.flatnonzero(small):
+            small[column] = _holds_codes(first[:, column], spread[column])
+        several = np.flatnonzero(small | (np.sqrt(_mean(np.square(apart), differ)) > SEVERAL))
         ranked = torch.from_numpy(several)
         knots = _knots(torch.from_numpy(values)[:, ranked]) if len(several) else torch.zeros(0, 0)
         return cls(torch.from_numpy(centre), torch.from_numpy(spread), ranked, knots)
@@ -168,15 +175,29 @@ def _mean(values: Array, counted: Mask) -> Array:
     return np.where(counted, values, 0.0).sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
 
 
+def _holds_codes(values: Array, spread: float) -> bool:
+    """Whether values (n,) are codes, or have one far away as for what is missing."""
+    few = int(RARE * len(values))
+    middle = np.sort(values)[few : len(values) - few]
+    _, count = np.unique(middle, return_counts=True)
+    coded = len(count) <= CODES or count.max() > OFTEN * len(values)
+    return bool(coded and np.diff(middle).max() > GAP * spread)
+
+
 def _median(values: Array, counted: Mask) -> Array:
     """The lower median of the counted values (n, k) of each column, (k,); 0 if none is counted."""
+    return _lower(values, counted, 0.5)
+
+
+def _lower(values: Array, counted: Mask, share: float) -> Array:
+    """The lower quantile of the counted values (n, k) of each column, (k,); 0 if none is."""
     if counted.all():
-        middle = (len(values) - 1) // 2
-        return np.partition(values, middle, axis=0)[middle]
+        place = int((len(values) - 1) * share)
+        return np.partition(values, place, axis=0)[place]
     count = counted.sum(axis=0)
     in_order = np.sort(np.where(counted, values, np.inf), axis=0)
-    middle_ones = in_order[np.maximum(count - 1, 0) // 2, np.arange(len(count))]
-    return np.where(count > 0, middle_ones, 0.0)
+    places = (np.maximum(count - 1, 0) * share).astype(int)
+    return np.where(count > 0, in_order[places, np.arange(len(count))], 0.0)
 
 
 def _knots(values: Tensor) -> Tensor:

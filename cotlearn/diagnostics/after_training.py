@@ -69,7 +69,7 @@ def deployment_gap(
 
     Raises:
         TypeError: the data have no condition.
-        ValueError: n or repetitions is too small.
+        ValueError: n or repetitions is too small, or the coupling gives its pairs weights.
     """
     check_count(n, "n", minimum=100)
     seed = check_seed(seed)
@@ -86,6 +86,8 @@ def deployment_gap(
         pairs = next(stream)
         if pairs.c is None:
             raise TypeError("deployment_gap needs data with a condition c, got None")
+        if pairs.weight is not None and pairs.weight.min() < pairs.weight.max():
+            raise ValueError(f"coupling must count all rows alike, but {coupling!r} gives weights")
         shuffle = torch.randperm(n, generator=generator_for(seed, number, Purpose.SHUFFLED_NOISE))
         rng = generator_for(seed, number, Purpose.TRUTH)
         truth = _unpaired(data if held_out is None else held_out, pairs, rng)

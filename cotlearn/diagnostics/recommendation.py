@@ -152,9 +152,9 @@ def candidates(x1: Tensor, c: Tensor) -> dict[str, Coupling]:
     units = OwnUnits.fit(c)
     even = ruling_column(c) is None and units.tamed(c) is c
     seen = None if even else units  # else one column, or a few rows, would be all of the cost
-    spread = float((c if seen is None else seen(c)).var(dim=0).sum())
+    spread = float((c if seen is None else seen(c)).double().var(dim=0).sum())
     if spread > 0:
-        ratio = float(x1.var(dim=0).sum() + x1.shape[1]) / spread
+        ratio = float(x1.double().var(dim=0).sum() + x1.shape[1]) / spread
         for factor in (0.1, 1) if labels else (0.1, 1, 10, 100):
             chosen[f"COT x {factor}"] = ConditionalOT(factor * ratio, condition=seen)
     if labels:

@@ -151,9 +151,9 @@ def _is_users(part: Any) -> bool:
 
 
 def _attributes(value: Any) -> dict[str, Any]:
-    """The public attributes of an object."""
-    found = getattr(value, "__dict__", {})
-    return {name: item for name, item in found.items() if not name.startswith("_")}
+    """The public attributes of an object; of an estimator of scikit-learn's kind, all."""
+    found, whole = getattr(value, "__dict__", {}), hasattr(value, "get_params")
+    return {name: item for name, item in found.items() if whole or not name.startswith("_")}
 
 
 def _options(value: Any) -> dict[str, Any]:

@@ -200,3 +200,10 @@ def test_candidates_do_not_depend_on_whether_the_rows_are_pairs_already():
     before = coupling.candidates(x0, x1, c)
     after = coupling.candidates(paired.x0, paired.x1, paired.c)
     assert after == pytest.approx(before, rel=0.3)  # it was three times as many
+
+
+def test_a_ratio_that_is_set_later_is_checked():
+    coupling = AdaptiveConditionalOT(0.05)
+    coupling.target_ratio = 5
+    with pytest.raises(ValueError, match="target_ratio must lie between 0 and 1"):
+        coupling(torch.randn(8, 2), torch.randn(8, 2), torch.eye(8))

@@ -318,3 +318,19 @@ test_bad_input = refused(
     (lambda: ModelAligned()(*B), ValueError, "no network yet: call observe"),
     (lambda: HEAVY(*B[:2]), TypeError, "needs the conditions c"),
 )
+
+
+def test_a_network_that_trains_with_dropout_is_refused():
+    network = torch.nn.Sequential(torch.nn.Linear(2, 2), torch.nn.BatchNorm1d(2))
+    ModelAligned().observe(network.eval(), 0)
+    with pytest.raises(ValueError, match="network must be in eval mode"):
+        ModelAligned().observe(network.train(), 0)
+
+
+@pytest.mark.parametrize(("name", "value"), [("variant", "Full"), ("fraction", 40)])
+def test_options_that_are_set_later_are_checked(name, value):
+    coupling = ModelAligned("topk", warmup_steps=0)
+    coupling.observe(torch.nn.Linear(2, 2), 1)
+    setattr(coupling, name, value)
+    with pytest.raises(ValueError, match=name):
+        coupling(torch.zeros(4, 2), torch.zeros(4, 2))

@@ -24,7 +24,7 @@ from cotlearn.couplings import (
     StratifiedOT,
     base,
 )
-from cotlearn.couplings.base import Match, Pairs, draw_noise
+from cotlearn.couplings.base import Batches, Match, Pairs, draw_noise
 from cotlearn.couplings.distances import mean_distance, squared_distances, to_numpy
 from cotlearn.datasets import Dataset, unconditional
 from cotlearn.flows import VelocityMLP, fit
@@ -697,3 +697,27 @@ def test_integers_that_would_merge_are_refused(largest):
     c = largest + torch.arange(64)[:, None] % 4
     with pytest.raises(ValueError, match="would merge some"):
         Dataset(torch.randn(64, 2, generator=seeded()), c)
+
+
+def numbered(count):
+    for k in range(count):
+        rows = torch.full((4, 2), float(k))
+        yield Pairs(rows, rows, None, torch.arange(4), torch.arange(4))
+
+
+class Numbered(IterableDataset):
+    def __iter__(self):
+        stream = Batches(numbered(6)).stream(petals(), batch_size=4)
+        return iter([int(pairs.x0[0, 0]) for pairs in stream])
+
+
+def test_existing_batches_start_where_they_should():
+    stream = Batches(numbered(6)).stream(petals(), batch_size=4, start=4)
+    assert int(next(stream).x0[0, 0]) == 4
+    with pytest.raises(ValueError, match="start must be below the number of batches, 6"):
+        next(Batches(numbered(6)).stream(petals(), batch_size=4, start=7))
+
+
+def test_workers_share_existing_batches():
+    loader = DataLoader(Numbered(), batch_size=None, num_workers=2)
+    assert sorted(map(int, loader)) == list(range(6))

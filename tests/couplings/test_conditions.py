@@ -5,6 +5,7 @@ import math
 import os
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -303,3 +304,22 @@ def test_a_view_of_negated_numbers():
     x = torch.fft.fft(torch.randn(40, 2, dtype=torch.float64, generator=seeded())).conj().imag
     assert x.is_neg()
     assert torch.equal(KMeansCondition(4).fit(x).labels(x), KMeansCondition(4).fit(+x).labels(+x))
+
+
+@pytest.mark.parametrize("factor", [0.01, 100.0])
+def test_conditions_in_other_units_than_those_of_the_fit_are_noticed(factor):
+    """All rows fell into one cluster: pairs as of naive OT, without a word."""
+    c = 3 + torch.randn(400, 3, generator=seeded())
+    clusters = KMeansCondition(8).fit(c)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        clusters.labels(3 + torch.randn(50, 3, generator=seeded(1)))
+    with pytest.warns(UserWarning, match="times as far from the clusters"):
+        clusters.labels(factor * c)
+
+
+@pytest.mark.parametrize("other", [KMeansCondition(64), PCAKMeansCondition(components=2)])
+def test_a_state_of_other_clusters_is_refused(other):
+    c = torch.randn(1000, 2, generator=seeded())
+    with pytest.raises(ValueError, match="state must be of KMeansCondition"):
+        KMeansCondition(8).load_state_dict(other.fit(c).state_dict())

@@ -452,3 +452,20 @@ def test_an_option_that_changes_after_a_call_counts():
     coupling.residual = True
     found, fresh = (k(x0, x1, c, seeded()) for k in (coupling, StratifiedOT(4, residual=True)))
     assert torch.equal(found.target_index, fresh.target_index)
+
+
+def test_rows_per_solve_that_are_set_later_are_checked():
+    coupling = StratifiedOT(2)
+    coupling.rows_per_solve = 1
+    with pytest.raises(ValueError, match="rows_per_solve must be at least 2"):
+        coupling(torch.zeros(4, 2), torch.zeros(4, 2), torch.eye(4))
+
+
+def test_data_that_draw_their_own_rows_are_named():
+    class Jittered(Dataset):
+        def sample(self, n, generator=None):
+            return super().sample(n, generator)
+
+    data = Jittered(torch.randn(40, 2), torch.eye(2)[torch.arange(40) % 2])
+    with pytest.warns(UserWarning, match="does not call Jittered.sample"):
+        next(StratifiedOT().stream(data, batch_size=8))

@@ -275,3 +275,37 @@ def test_noise_keeps_its_type(kind):
     c = torch.randn(64, 1, generator=seeded(1)).sign().double()
     mirror = Transformed(MinibatchOT(), lambda x, c: x * c, lambda x, c: x * c)
     assert mirror(x, x, c).x0.dtype == kind
+
+
+def turned(x, c):
+    return torch.view_as_real(torch.view_as_complex(x) * torch.view_as_complex(c))
+
+
+def turned_back(x, c):
+    return torch.view_as_real(torch.view_as_complex(x) * torch.view_as_complex(c).conj())
+
+
+def test_an_inverse_that_does_not_undo_is_refused():
+    """A rotation with the wrong sign keeps all lengths, and pairs were nearly those of chance."""
+    angle = 6.28 * torch.rand(64, generator=seeded())
+    c = torch.stack([angle.cos(), angle.sin()], dim=1)
+    x0, x1 = torch.randn(2, 64, 2, generator=seeded())
+    Transformed(MinibatchOT(), turned_back, turned)(x0, x1, c, seeded())
+    with pytest.raises(ValueError, match="inverse must undo forward"):
+        Transformed(MinibatchOT(), turned, turned)(x0, x1, c, seeded())
+
+
+def test_an_inverse_inside_another_transform_is_refused():
+    with pytest.raises(ValueError, match="must not have an inverse of its own"):
+        centred(Transformed(MinibatchOT(), turned_back, turned), lambda c: 5 * c)
+
+
+def test_noise_for_a_frame_that_mixes_a_constant_column():
+    from cotlearn.bridge import paired_noise
+
+    angle = 6.28 * torch.rand(20_000, generator=seeded())
+    c = torch.stack([angle.cos(), angle.sin()], dim=1)
+    actions = torch.randn(20_000, 2, generator=seeded()) * torch.eye(2)[0]
+    noise = paired_noise(Transformed(Independent(), turned_back, turned), actions, c)
+    for some in (c[:, 0].abs() < 0.3, c[:, 0].abs() > 0.9):
+        assert float(noise[some, 0].var()) == pytest.approx(1, abs=0.06)

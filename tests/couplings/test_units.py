@@ -10,8 +10,9 @@ from support import refused, seeded
 
 from cotlearn import couplings
 from cotlearn.couplings import ConditionalOT, KMeansCondition, OwnUnits, StratifiedOT, combine
+from cotlearn.couplings.base import Pairs
 from cotlearn.couplings.units import TamedStandardiser
-from cotlearn.datasets import Standardiser
+from cotlearn.datasets import Dataset, Standardiser
 from cotlearn.diagnostics import prior_skew
 from cotlearn.diagnostics.recommendation import candidates
 from cotlearn.mixtures import petals
@@ -160,7 +161,7 @@ def test_clusters_do_not_spend_themselves_on_a_sentinel():
     assert len(fitted.labels(c)[inside].unique()) >= 5
     ordinary = c[inside]
     plain = KMeansCondition(8).fit(ordinary)
-    assert set(plain.state_dict()) == {"mean", "std", "centroids"}
+    assert set(plain.state_dict()) == {"mean", "std", "centroids", "radius"}
     assert torch.equal(plain.project(ordinary), Standardiser.fit(ordinary)(ordinary))
     again = KMeansCondition(8)
     again.load_state_dict(fitted.state_dict())
@@ -236,3 +237,47 @@ def test_one_glitch_does_not_make_the_others_equal():
     quarter = torch.arange(400)[:, None] % 4 * math.pi / 2
     turns = torch.cat([quarter.cos(), quarter.sin()], dim=1)  # 0, up to rounding, and 1 and -1
     assert torch.allclose(OwnUnits.fit(turns).spread, torch.tensor(1.15).double(), atol=0.1)
+
+
+CODES = {  # the two that matter come first
+    "a flag, a fifth missing at 99": ((0, 1, 99), (0.4, 0.4, 0.2)),
+    "a flag, two fifths missing at 99": ((0, 1, 99), (0.3, 0.3, 0.4)),
+    "a flag, most missing at -30": ((0, 1, -30), (0.15, 0.15, 0.7)),
+    "1, 2, 20": ((1, 2, 20), (0.3, 0.3, 0.4)),
+    "10, 20, 1000": ((10, 20, 1000), (0.4, 0.3, 0.3)),
+}
+
+
+@pytest.mark.parametrize("coupling", [ConditionalOT(), StratifiedOT(64)], ids=lambda k: k.name)
+@pytest.mark.parametrize("name", CODES)
+def test_codes_of_unlike_size_are_told_apart(name, coupling):
+    """The code of a missing value made 0 and 1 equal, and the tests of skew saw nothing."""
+    values, shares = CODES[name]
+    kind = torch.multinomial(torch.tensor(shares), 4096, True, generator=seeded())
+    x1 = 0.5 * torch.randn(4096, 2, generator=seeded(1))
+    x1[:, 0] += torch.tensor([-1.0, 1.0, 0.0])[kind]
+    data = Dataset(x1, torch.tensor(values).float()[kind][:, None])
+    stream = coupling.stream(data, batch_size=256, generator=seeded())
+    pairs = Pairs.cat([next(stream) for _ in range(16)])
+    for value in values:
+        some = pairs.x0[pairs.c[:, 0] == value, 0]
+        assert abs(float(some.mean())) < 0.25  # 0.7 and more before
+
+
+def test_numbers_of_which_half_are_missing_are_told_apart():
+    known, missing = torch.randn(4096, generator=seeded()), torch.arange(4096) % 2 > 0
+    c = torch.where(missing, -99.0, known)[:, None]
+    x1 = torch.stack([torch.where(missing, 0.0, known), torch.zeros(4096)], dim=1)
+    x1 += 0.3 * torch.randn(4096, 2, generator=seeded(1))
+    stream = ConditionalOT().stream(Dataset(x1, c), batch_size=256, generator=seeded())
+    pairs = Pairs.cat([next(stream) for _ in range(16)])
+    some = pairs.c[:, 0] > -50
+    both = torch.stack([pairs.x0[some, 0], pairs.c[some, 0]])
+    assert abs(float(both.corrcoef()[0, 1])) < 0.15
+
+
+def test_no_column_without_codes_is_ranked():
+    draw = torch.randn(2000, 3, generator=seeded())
+    far = draw + 20 * torch.randint(2, (2000, 3), generator=seeded(1))
+    for c in (draw, draw.exp(), far, torch.randint(10, (2000, 3), generator=seeded()).float()):
+        assert not len(OwnUnits.fit(c).ranked)
