@@ -135,11 +135,10 @@ class Clusters(WithOptions):
     def labels(self, c: Tensor) -> Tensor:
         """The index 0 .. K-1 of each row's nearest centroid, (n,); distances are in float64."""
         far, labels = self._nearest(validation.check_condition(c))
-        usual = self.radius
-        if (now := float(far.median())) > BEYOND * usual > 0:
+        if len(c) and (now := float(far.median())) > BEYOND * self.radius > 0:
             warnings.warn(
-                f"most rows of c are {now / usual:.0f} times as far from the clusters as those "
-                f"that {self!r} was fitted to, so that nothing is told apart: give c in the "
+                f"most rows of c are {now / self.radius:.0f} times as far from the clusters as "
+                f"those that {self!r} was fitted to, so that nothing is told apart: give c in the "
                 "units of the fit",
                 stacklevel=3,
             )
@@ -153,8 +152,8 @@ class Clusters(WithOptions):
         far = torch.empty(len(c), dtype=torch.float64, device=c.device)
         labels = torch.empty(len(c), dtype=torch.long, device=c.device)
         # filled in place: small results that are kept between large blocks can break up the heap
-        for rows in torch.arange(len(c)).split(ROWS_AT_ONCE):
-            some = slice(int(rows[0]), int(rows[-1]) + 1)
+        for first in range(0, len(c), ROWS_AT_ONCE):
+            some = slice(first, first + ROWS_AT_ONCE)
             away = torch.cdist(self.project(c[some]).double() - centre, near).min(dim=1)
             far[some], labels[some] = away.values, away.indices
         return far, labels
@@ -288,10 +287,13 @@ class EmbeddedClusters(Clusters):
 
     def __post_init__(self) -> None:
         validation.check_function(self.embed, "embed", "of c")
-        check_draws_nothing(self.embed, "embed", "a condition gets other clusters each time")
+        self._check_embed()
         wanted = "clusters such as KMeansCondition()"
         validation.check_has(self.inner, "inner", wanted, "fit", "project")
         validation.check_count(self.rows, "rows")
+
+    def _check_embed(self) -> None:
+        check_draws_nothing(self.embed, "embed", "a condition gets other clusters each time")
 
     def fit(self, c: Tensor) -> Self:
         """Fit a copy of `inner` to the embedding of c (n, k)."""
@@ -326,20 +328,18 @@ class EmbeddedClusters(Clusters):
         self.inner.load_state_dict(state)
 
     def _embedded(self, c: Tensor) -> Tensor:
-        check_draws_nothing(
-            self.embed, "embed", "a condition gets other clusters each time"
-        )  # somebody may train it meanwhile
+        self._check_embed()  # somebody may train it meanwhile
         with torch.no_grad():
             return validation.check_condition(self.embed(*lent(c)), "embed(c)")
 
 
-def check_draws_nothing(network: Any, name: str, else_: str) -> None:
+def check_draws_nothing(network: Any, name: str, what_happens: str) -> None:
     """Raise ValueError if a network has dropout, or normalises by its batch, and trains."""
     parts = network.modules() if isinstance(network, torch.nn.Module) else ()
     kinds = torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm
     if any(isinstance(part, kinds) and part.training for part in parts):
         raise ValueError(
-            f"{name} must be in eval mode: it has dropout or batch normalisation, and {else_}"
+            f"{name} must be in eval mode: by dropout or batch normalisation {what_happens}"
         )
 
 
