@@ -409,6 +409,16 @@ def check_has(value: Any, name: str, wanted: str, *attributes: str) -> Any:
     return value
 
 
+def check_draws_nothing(network: Any, name: str, what_happens: str) -> None:
+    """Raise ValueError if a network has dropout, or normalises by its batch, and trains."""
+    parts = network.modules() if isinstance(network, nn.Module) else ()
+    kinds = nn.modules.dropout._DropoutNd, nn.modules.batchnorm._BatchNorm
+    if any(isinstance(part, kinds) and part.training for part in parts):
+        raise ValueError(
+            f"{name} must be in eval mode: by dropout or batch normalisation {what_happens}"
+        )
+
+
 def check_seeds(values: Any, name: str = "seeds") -> list[int]:
     """Return seeds as a list if they are a sequence of at least one integer from 0."""
     if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str) or not len(values):

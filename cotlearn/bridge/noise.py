@@ -97,6 +97,8 @@ class PairedNoise:
     def skew(self) -> LinearSkew:
         """The share of the noise's variance between 64 cells of the condition, and its p-value.
 
+        It is of the batches that were kept for the test, the first 100 or some more.
+
         Raises:
             ValueError: too few rows with a condition were paired until now.
         """
@@ -200,6 +202,11 @@ def _paired(
     """The noise like `actions`, and as a matrix; which of its columns were paired."""
     _check_coupling(coupling)
     x1 = _rows(actions, "actions")
+    if is_pad is not None and hasattr(coupling, "forward"):
+        raise ValueError(
+            "is_pad must be None for a coupling in a frame or around a mean, in which a padded "
+            f"step is no zero; got {coupling!r}"
+        )
     if is_pad is not None:
         wanted = tuple(actions.shape[:2])
         if not isinstance(is_pad, Tensor) or actions.ndim < 3 or is_pad.shape != wanted:

@@ -10,7 +10,6 @@ from torch import Tensor, nn
 from cotlearn import validation
 from cotlearn.couplings.assignment import exact_permutation, sinkhorn_plan
 from cotlearn.couplings.base import Array, Coupling, Index, Match, Traits, lent
-from cotlearn.couplings.conditions import check_draws_nothing
 from cotlearn.couplings.distances import near_rows, squared_distances
 from cotlearn.couplings.unheeded import warn_if_one_column_rules
 
@@ -85,14 +84,19 @@ class ModelAligned(Coupling):
         Raises:
             ValueError: the network is in train mode, and has dropout or normalises by its batch.
         """
-        check_draws_nothing(network, "network", "a pair gets other errors each time")
         self._network, self._step = network, step
+        self._check_network()
+
+    def _check_network(self) -> None:
+        what_happens = "a pair gets other errors each time"
+        validation.check_draws_nothing(self._network, "network", what_happens)
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Weigh the batch's own pairs, or assign by the errors of all pairs."""
         if self._network is None:
             raise ValueError("no network yet: call observe(network, step) before pairing")
-        self._check_options()  # they may have been set since
+        self._check_options()  # they may have been set since, and somebody may train the network
+        self._check_network()
         rows = np.arange(len(x0))
         if self.variant == "full":
             return Match(rows, self._assign(x0, x1, c))

@@ -43,6 +43,7 @@ class ConditionalOT(Coupling):
     naive minibatch OT. As w grows, noise is paired within its condition, and p(x0 | c) approaches
     the prior. At w = infinity only rows with equal conditions are paired: for labels this is the
     exact plan of each class; if all c differ, it is the independent coupling (a warning says so).
+    Labels must be one-hot: numbers of classes in one column are numbers, of which near ones pair.
     The papers use the same weight in other forms: w = g^2 (COT Policy 2505.01179) = beta^2
     (Chemseddine 2403.18705) = 1/eps (Kerrigan 2404.04240).
 

@@ -25,6 +25,8 @@ from cotlearn.datasets import Standardiser
 LARGEST_SEED = 2**32 - 1  #: that scikit-learn takes
 ROWS_AT_ONCE = 4096  #: rows whose distances to the centroids are held in memory at once
 BEYOND = 3.0  #: times the usual distance from the clusters, for a warning
+SOME = 0.05  #: share of the rows beyond it, for a warning
+SHRUNK, ENOUGH = 0.02, 32  #: part of its deviation in the fit that a column has, of so many rows
 LONG = 2e7  #: rows times clusters from which k-means takes more than some seconds, and says so
 
 
@@ -107,11 +109,13 @@ class Clusters(WithOptions):
         seen = half.project(c)
         centroids = torch.from_numpy(_k_means(to_numpy(seen), self.clusters, self.seed))
         half._fitted = {**half._fitted, "centroids": centroids.to(c)}
-        far, label = half._nearest(c)
+        far, label, _ = half._nearest(c)
         between = torch.cdist(centroids, centroids).fill_diagonal_(math.inf).min(dim=1).values
-        usual = max(float(far.median()), float(between[label.cpu()].median()) / 2)
-        radius = torch.tensor(0.0 if math.isinf(usual) else usual).to(c)
-        self._fitted = {**half._fitted, "radius": radius}
+        half_way = float(between[label.cpu()].median()) / 2
+        limit = half_way if far.max() == 0 else BEYOND * max(float(far.median()), half_way)
+        limit = 0.0 if math.isinf(limit) else limit
+        scale = seen.double().std(dim=0, unbiased=False)
+        self._fitted = {**half._fitted, "limit": torch.tensor(limit).to(c), "scale": scale.to(c)}
         return self
 
     def _fit(self, c: Tensor) -> dict[str, Tensor]:
@@ -127,36 +131,54 @@ class Clusters(WithOptions):
         """The centroids (K, m), in the space of `project`."""
         return self._ready("centroids")
 
-    @property
-    def radius(self) -> float:
-        """The usual distance from the nearest centroid, of the rows of the fit; 0 if not known."""
-        return float(self._fitted.get("radius", 0.0))
-
     def labels(self, c: Tensor) -> Tensor:
         """The index 0 .. K-1 of each row's nearest centroid, (n,); distances are in float64."""
-        far, labels = self._nearest(validation.check_condition(c))
-        if len(c) and (now := float(far.median())) > BEYOND * self.radius > 0:
-            warnings.warn(
-                f"most rows of c are {now / self.radius:.0f} times as far from the clusters as "
-                f"those that {self!r} was fitted to, so that nothing is told apart: give c in the "
-                "units of the fit",
-                stacklevel=3,
-            )
+        far, labels, seen = self._nearest(validation.check_condition(c))
+        known = getattr(self, "inner", self)._fitted
+        if "limit" in known:
+            self._warn_if_unlike(far, seen, float(known["limit"]), known["scale"].to(seen))
         return labels
 
-    def _nearest(self, c: Tensor) -> tuple[Tensor, Tensor]:
-        """The distance to each row's nearest centroid, and its index, (n,)."""
+    def _warn_if_unlike(self, far: Tensor, seen: Tensor, limit: float, scale: Tensor) -> None:
+        """Warn of conditions that are not as those of the fit, so that clusters mix them.
+
+        Args:
+            far: (n,), the distances to the nearest centroids.
+            seen: (some rows, m), in the space of the centroids.
+            limit: of these distances; 0 if there is one cluster only.
+            scale: (m,), the standard deviations of the rows of the fit.
+        """
+        beyond = float((far > limit).double().mean()) if limit > 0 and len(far) else 0.0
+        now = seen.std(dim=0, unbiased=False)
+        shrunk = ((now > 0) & (now < SHRUNK * scale)).nonzero()[:, 0].tolist()
+        what = ""
+        if beyond > SOME:
+            what = f"{beyond:.0%} of the rows of c lie far from all of these"
+        elif shrunk and len(seen) >= ENOUGH:
+            what = f"column {shrunk[0]} of what they see varies much less than it did"
+        if what:
+            warnings.warn(
+                f"{self!r} was fitted to other conditions: {what}, so that rows are put together "
+                "that differ; give c in the units of the fit, or fit again",
+                stacklevel=4,
+            )
+
+    def _nearest(self, c: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The distance to each row's nearest centroid, its index, (n,); the first rows as seen."""
         centroids = self.centroids.to(c.device, torch.float64)
         centre = centroids.mean(dim=0)  # far from 0 the distances would lose digits
         near = centroids - centre
         far = torch.empty(len(c), dtype=torch.float64, device=c.device)
         labels = torch.empty(len(c), dtype=torch.long, device=c.device)
+        parts: list[Tensor] = []
         # filled in place: small results that are kept between large blocks can break up the heap
         for first in range(0, len(c), ROWS_AT_ONCE):
             some = slice(first, first + ROWS_AT_ONCE)
-            away = torch.cdist(self.project(c[some]).double() - centre, near).min(dim=1)
+            parts.append(self.project(c[some]).double())
+            away = torch.cdist(parts[-1] - centre, near).min(dim=1)
             far[some], labels[some] = away.values, away.indices
-        return far, labels
+            del parts[1:]
+        return far, labels, parts[0] if parts else centroids[:0]
 
     def __call__(self, c: Tensor) -> Tensor:
         """The nearest centroid of each row of c (n, k), (n, m)."""
@@ -293,7 +315,9 @@ class EmbeddedClusters(Clusters):
         validation.check_count(self.rows, "rows")
 
     def _check_embed(self) -> None:
-        check_draws_nothing(self.embed, "embed", "a condition gets other clusters each time")
+        validation.check_draws_nothing(
+            self.embed, "embed", "a condition gets other clusters each time"
+        )
 
     def fit(self, c: Tensor) -> Self:
         """Fit a copy of `inner` to the embedding of c (n, k)."""
@@ -313,11 +337,6 @@ class EmbeddedClusters(Clusters):
         """The centroids (K, m) of `inner`."""
         return self.inner.centroids
 
-    @property
-    def radius(self) -> float:
-        """That of `inner`."""
-        return self.inner.radius
-
     def state_dict(self) -> dict[str, Tensor]:
         """The fitted tensors of `inner`."""
         return self.inner.state_dict()
@@ -331,16 +350,6 @@ class EmbeddedClusters(Clusters):
         self._check_embed()  # somebody may train it meanwhile
         with torch.no_grad():
             return validation.check_condition(self.embed(*lent(c)), "embed(c)")
-
-
-def check_draws_nothing(network: Any, name: str, what_happens: str) -> None:
-    """Raise ValueError if a network has dropout, or normalises by its batch, and trains."""
-    parts = network.modules() if isinstance(network, torch.nn.Module) else ()
-    kinds = torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm
-    if any(isinstance(part, kinds) and part.training for part in parts):
-        raise ValueError(
-            f"{name} must be in eval mode: by dropout or batch normalisation {what_happens}"
-        )
 
 
 def _k_means(rows: Any, clusters: int, seed: int) -> Any:

@@ -20,6 +20,7 @@ from cotlearn.couplings.base import (
     Source,
     Traits,
     check_written,
+    content_of,
     draw_noise,
     written,
 )
@@ -101,7 +102,7 @@ class SemidiscreteOT(Coupling):
             self.traits = replace(self.traits, needs_condition=True)
         self.marginal_error = self.marginal_floor = math.nan
         self._points: _Points | None = None  # the data that phi was fitted to
-        self._source: tuple[Source | None, ...] = ()  # the noise of the fit, if it is known
+        self._source: tuple[bytes, ...] = ()  # what some noise of the fit holds, if it is known
 
     def fit(
         self,
@@ -150,7 +151,7 @@ class SemidiscreteOT(Coupling):
                 average = average + (points.phi - average) / averaged
                 bar.update()
         points.phi = average
-        self._points, self._source = points, (source,)
+        self._points, self._source = points, (_known(source, x1),)
         self.marginal_error, self.marginal_floor = self._marginal(points, source)
         if self.marginal_error > self.marginal_floor + UNCONVERGED:
             warnings.warn(
@@ -176,6 +177,8 @@ class SemidiscreteOT(Coupling):
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Pair within the batch, to which the potential is fitted unless it was before.
 
+        That fit takes standard normal noise, whatever x0 is: for other noise call `fit` first.
+
         Row i of the noise has the condition of row i. Rows can be chosen more than once: for
         training use `stream` with the whole data set.
         """
@@ -190,7 +193,7 @@ class SemidiscreteOT(Coupling):
         """Fit the potential unless it was fitted to these data and this noise."""
         self._check_finite(data)
         fitted = self._points is not None and self._points.are(self, data.x1, data.c)
-        if not fitted or self._source not in ((), (source,)):
+        if not fitted or self._source not in ((), (_known(source, data.x1),)):
             self.fit(data.x1, data.c, source=source)
 
     def prepared(
@@ -357,6 +360,13 @@ class _Points:
             distance[distance <= 0] = math.inf  # the row itself and its duplicates
             gaps.append(distance.min(dim=1).values)
         return float(torch.cat(gaps).median())
+
+
+def _known(source: Source | None, x1: Tensor) -> bytes:
+    """What a source draws for a few rows, by which it is known; a source may change."""
+    if source is None:
+        return b""
+    return content_of(draw_noise(x1[:64], source, torch.Generator().manual_seed(0)))
 
 
 def _kept(x: Tensor) -> Tensor:

@@ -157,7 +157,10 @@ class StratifiedOT(Coupling):
         """The clusters if they came fitted or were fitted to c (n, k), else a copy fitted to it."""
         clusters: Clusters = self.clusters
         came_fitted = clusters.state_dict() and not clusters.fitted_to
-        if came_fitted or clusters.fitted_to == (content := content_of(c)):
+        content = content_of(c)
+        if (embed := getattr(clusters, "_embedded", None)) is not None:
+            content += content_of(embed(c[:64]))  # an encoder may have been trained since
+        if came_fitted or clusters.fitted_to == content:
             return clusters
         clusters = copy.copy(clusters).fit(c)
         clusters.fitted_to = content

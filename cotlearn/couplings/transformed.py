@@ -21,7 +21,7 @@ from cotlearn.couplings.base import (
     check_like,
     lent,
 )
-from cotlearn.validation import check_condition, check_function, check_has
+from cotlearn.validation import check_condition, check_draws_nothing, check_function, check_has
 
 LARGE = 2048  #: rows from which transformed values are kept for the next epoch
 INVERSE = 1e-2  #: largest error of the inverse, as a share of the longest row
@@ -219,6 +219,8 @@ class Residual(WithOptions):
 
     def __call__(self, x1: Tensor, c: Tensor) -> Tensor:
         """The residuals (B, d) of data (B, d)."""
+        for name in ("mean", "spread"):
+            check_draws_nothing(getattr(self, name), name, "a row gets another residual each time")
         residual = x1 - check_like(self.mean(*lent(c)), "mean(c)", x1).to(x1)
         if self.spread is None:
             return residual

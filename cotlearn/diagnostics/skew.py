@@ -12,7 +12,7 @@ from cotlearn import validation
 from cotlearn.couplings.base import Array
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.couplings.distances import to_numpy
-from cotlearn.couplings.units import TamedStandardiser
+from cotlearn.couplings.units import TamedStandardiser, tamed
 from cotlearn.datasets import Standardiser
 
 MINIMUM_ROWS, MOST_ROWS = 100, 4000  #: of a test; more rows are subsampled
@@ -159,7 +159,8 @@ def linear_skew(x0: Tensor, c: Tensor, *, degree: int = 1, cells: int | None = N
     Args:
         x0: (n, d) paired noise; n at least 5 times d and 5 times p, best tens of thousands.
         c: (n, k) the condition that the network is given with x0.
-        degree: 1 takes the k columns of c as features, 2 their squares and products as well.
+        degree: 1 takes the k columns of c as features, 2 their squares and products as well. Values
+            far from all others, as -9999 for a missing one, are drawn near first.
         cells: if given, at least 2: the features are instead the k-means cell of c (one-hot), so
             that V / d is the share of the noise's variance between cells. Start with 64.
 
@@ -176,7 +177,7 @@ def linear_skew(x0: Tensor, c: Tensor, *, degree: int = 1, cells: int | None = N
         from sklearn.preprocessing import PolynomialFeatures  # late: it takes a second
 
         polynomials = PolynomialFeatures(degree, include_bias=False)
-        features = polynomials.fit_transform(_standardised(to_numpy(c)))
+        features = polynomials.fit_transform(_standardised(to_numpy(tamed(c))))
     else:  # one-hot: the cell of each row
         validation.check_count(cells, "cells", minimum=2)
         features = np.eye(cells)[KMeansCondition(min(cells, len(c))).fit(c).labels(c)]

@@ -182,7 +182,8 @@ def sampler(
         A function from c (n, k) to one sample per row, (n, d).
 
     Raises:
-        ValueError: dim is missing.
+        ValueError: dim is missing; when sampling, the velocity is a network in train mode that has
+            dropout or normalises by its batch.
     """
     validation.check_function(velocity, "velocity", "(t, x, c) -> v")
     validation.check_count(nfe, "nfe")
@@ -194,6 +195,7 @@ def sampler(
 
     def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         validation.check_generator(generator)
+        validation.check_draws_nothing(velocity, "velocity", "equal calls give other samples")
         like = torch.empty(len(validation.check_condition(c)), size, dtype=_dtype_of(velocity))
         noise = draw_noise(like, source, generator)
         return integrate(velocity, noise.to(c.device), c, nfe=nfe).x1

@@ -334,3 +334,12 @@ def test_options_that_are_set_later_are_checked(name, value):
     setattr(coupling, name, value)
     with pytest.raises(ValueError, match=name):
         coupling(torch.zeros(4, 2), torch.zeros(4, 2))
+
+
+def test_a_network_that_somebody_trains_meanwhile_is_refused():
+    network = torch.nn.Sequential(torch.nn.Linear(2, 2), torch.nn.Dropout(0.5)).eval()
+    coupling = ModelAligned()
+    coupling.observe(network, 0)
+    network.train()
+    with pytest.raises(ValueError, match="network must be in eval mode"):
+        coupling(torch.zeros(4, 2), torch.zeros(4, 2))

@@ -314,7 +314,7 @@ def test_conditions_in_other_units_than_those_of_the_fit_are_noticed(factor):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         clusters.labels(3 + torch.randn(50, 3, generator=seeded(1)))
-    with pytest.warns(UserWarning, match="times as far from the clusters"):
+    with pytest.warns(UserWarning, match="was fitted to other conditions"):
         clusters.labels(factor * c)
 
 
@@ -323,3 +323,44 @@ def test_a_state_of_other_clusters_is_refused(other):
     c = torch.randn(1000, 2, generator=seeded())
     with pytest.raises(ValueError, match="state must be of KMeansCondition"):
         KMeansCondition(8).load_state_dict(other.fit(c).state_dict())
+
+
+OTHERS = {
+    "millimetres and metres": (1000 * torch.randn(400, 2, generator=seeded()), 0.001),
+    "one column in radians": (
+        torch.randn(400, 3, generator=seeded()) * torch.tensor([1.0, 1.0, 60.0]),
+        torch.tensor([1.0, 1.0, math.pi / 180]),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_conditions_in_smaller_units_are_noticed(name):
+    """All rows fell onto one point near a centroid, which is not far from it."""
+    c, factor = OTHERS[name]
+    clusters = KMeansCondition(16).fit(c)
+    with pytest.warns(UserWarning, match="varies much less than it did"):
+        clusters.labels(c * factor)
+
+
+def test_labels_that_are_new_are_noticed():
+    label = torch.arange(600) % 6
+    clusters = KMeansCondition(4).fit(torch.eye(6)[label[label < 4]])
+    with pytest.warns(UserWarning, match="33% of the rows of c lie far"):
+        clusters.labels(torch.eye(6)[label])
+
+
+def test_pictures_that_are_scaled_otherwise_are_noticed():
+    scene = 255 * torch.rand(8, 48, generator=seeded())
+    pictures = scene[torch.arange(256) % 8] + 8 * torch.randn(256, 48, generator=seeded(1))
+    clusters = PCAKMeansCondition(components=8, clusters=8).fit(pictures)
+    with pytest.warns(UserWarning, match="was fitted to other conditions"):
+        clusters.labels(pictures / 255)
+
+
+@pytest.mark.parametrize("rows", [1, 40, 400])
+def test_conditions_like_those_of_the_fit_are_not(rows):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for c in (torch.randn(900, 3), torch.eye(9)[torch.arange(900) % 9], torch.rand(900, 64)):
+            KMeansCondition(8).fit(c[:500]).labels(c[500 : 500 + rows])

@@ -382,3 +382,17 @@ def test_an_option_that_changes_after_the_fit_counts():
     coupling.condition_weight = 100.0
     found, fresh = (k(x0, x1, c, seeded()) for k in (coupling, SemidiscreteOT(100.0)))
     assert torch.equal(found.target_index, fresh.target_index)
+
+
+def test_a_source_that_has_changed_is_fitted_again():
+    class Noise:
+        scale = 1.0
+
+        def __call__(self, n, generator=None):
+            return self.scale * torch.randn(n, 2, generator=generator)
+
+    data, noise, coupling = Dataset(torch.randn(100, 2)), Noise(), SemidiscreteOT()
+    for scale in (1.0, 5.0):
+        noise.scale = scale
+        rows = next(coupling.stream(data, batch_size=20_000, source=noise)).target_index
+        assert (torch.bincount(rows, minlength=100) / 20_000 - 0.01).abs().sum() / 2 < 0.15

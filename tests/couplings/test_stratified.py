@@ -11,7 +11,13 @@ from scipy.optimize import linear_sum_assignment
 from support import joined, refused, same, seeded, take
 
 from cotlearn import mixtures
-from cotlearn.couplings import KMeansCondition, PCAKMeansCondition, StratifiedOT, stratified
+from cotlearn.couplings import (
+    EmbeddedClusters,
+    KMeansCondition,
+    PCAKMeansCondition,
+    StratifiedOT,
+    stratified,
+)
 from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.couplings.base import draw_noise
 from cotlearn.couplings.distances import squared_distances
@@ -469,3 +475,15 @@ def test_data_that_draw_their_own_rows_are_named():
     data = Jittered(torch.randn(40, 2), torch.eye(2)[torch.arange(40) % 2])
     with pytest.warns(UserWarning, match="does not call Jittered.sample"):
         next(StratifiedOT().stream(data, batch_size=8))
+
+
+def test_an_encoder_that_was_trained_is_fitted_again():
+    c = torch.randn(1000, 2)
+    encoder = torch.nn.Linear(2, 2)
+    coupling = StratifiedOT(EmbeddedClusters(encoder, KMeansCondition(16)))
+    data, found = Dataset(c.clone(), c), []
+    for factor in (1.0, 0.02):
+        encoder.weight.data = factor * torch.eye(2)
+        pairs = next(coupling.stream(data, batch_size=1000))
+        found.append(float(torch.stack([pairs.x0[:, 0], pairs.c[:, 0]]).corrcoef()[0, 1] ** 2))
+    assert max(found) < 0.3  # 0.9 where the clusters were kept

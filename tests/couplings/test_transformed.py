@@ -309,3 +309,21 @@ def test_noise_for_a_frame_that_mixes_a_constant_column():
     noise = paired_noise(Transformed(Independent(), turned_back, turned), actions, c)
     for some in (c[:, 0].abs() < 0.3, c[:, 0].abs() > 0.9):
         assert float(noise[some, 0].var()) == pytest.approx(1, abs=0.06)
+
+
+def test_a_mean_that_trains_is_refused():
+    """Equal calls gave other pairs, and moved the statistics of the caller's network."""
+    mean = torch.nn.Sequential(torch.nn.Linear(2, 2), torch.nn.BatchNorm1d(2))
+    x0, x1, c = torch.randn(3, 8, 2, generator=seeded())
+    centred(MinibatchOT(), mean.eval())(x0, x1, c)
+    with pytest.raises(ValueError, match="mean must be in eval mode"):
+        centred(MinibatchOT(), mean.train())(x0, x1, c)
+
+
+def test_padding_is_refused_where_zero_is_not_nothing():
+    from cotlearn.bridge import paired_noise
+
+    c, pad = torch.randn(8, 1), torch.arange(4).expand(8, 4) > 2
+    coupling = centred(MinibatchOT(), lambda c: c.repeat(1, 4))
+    with pytest.raises(ValueError, match="is_pad must be None"):
+        paired_noise(coupling, torch.randn(8, 4, 1), c, is_pad=pad)

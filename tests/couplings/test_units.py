@@ -161,7 +161,7 @@ def test_clusters_do_not_spend_themselves_on_a_sentinel():
     assert len(fitted.labels(c)[inside].unique()) >= 5
     ordinary = c[inside]
     plain = KMeansCondition(8).fit(ordinary)
-    assert set(plain.state_dict()) == {"mean", "std", "centroids", "radius"}
+    assert set(plain.state_dict()) == {"mean", "std", "centroids", "limit", "scale"}
     assert torch.equal(plain.project(ordinary), Standardiser.fit(ordinary)(ordinary))
     again = KMeansCondition(8)
     again.load_state_dict(fitted.state_dict())

@@ -139,3 +139,11 @@ def test_in_many_columns_of_c_it_sees_what_near_neighbours_miss():
     assert seen[2][1] == seen[12][1] == 10
     assert seen[12][0] <= 5  # 2 expected
     assert seen[2][0] >= seen[12][0]
+
+
+def test_a_few_sentinels_hide_no_skew():
+    """With 3 % of the values at -9999 it called noise clean that c explains to nine tenths."""
+    x0, lost = torch.randn(4096, 2, generator=seeded()), torch.rand(4096, 2, generator=seeded(1))
+    c = torch.where(lost < 0.03, -9999.0, x0 + 0.3 * torch.randn(4096, 2, generator=seeded(2)))
+    assert linear_skew(x0, c).flagged
+    assert linear_skew(x0, c).explained > 0.02

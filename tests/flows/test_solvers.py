@@ -292,3 +292,19 @@ def test_a_velocity_may_return_the_same_buffer_each_time(method):
         for velocity in (lambda t, x, c: out.copy_(-x * (1 + t)), lambda t, x, c: -x * (1 + t))
     ]
     assert torch.equal(*found)
+
+
+def test_a_network_that_trains_is_not_sampled():
+    class Net(torch.nn.Module):
+        dim = 2
+
+        def __init__(self):
+            super().__init__()
+            self.drop = torch.nn.Dropout(0.5)
+
+        def forward(self, t, x, c):
+            return self.drop(x)
+
+    sampler(Net().eval(), nfe=2)(torch.zeros(4, 1))
+    with pytest.raises(ValueError, match="velocity must be in eval mode"):
+        sampler(Net().train(), nfe=2)(torch.zeros(4, 1))
