@@ -202,18 +202,15 @@ def _paired(
     """The noise like `actions`, and as a matrix; which of its columns were paired."""
     _check_coupling(coupling)
     x1 = _rows(actions, "actions")
-    if is_pad is not None and hasattr(coupling, "forward"):
-        raise ValueError(
-            "is_pad must be None for a coupling in a frame or around a mean, in which a padded "
-            f"step is no zero; got {coupling!r}"
-        )
+    clustered = getattr(coupling, "condition", None) is not None
+    c = None if condition is None else _matrix(condition, "condition", clustered)
     if is_pad is not None:
         wanted = tuple(actions.shape[:2])
         if not isinstance(is_pad, Tensor) or actions.ndim < 3 or is_pad.shape != wanted:
             got = validation.short(is_pad)
             raise ValueError(f"is_pad must be (B, T) for actions (B, T, D), got {got}")
-        x1 = x1.unflatten(1, (*actions.shape[1:2], -1))
-        x1 = x1.masked_fill(is_pad.bool()[:, :, None], 0).flatten(1)
+        left_out = is_pad.bool()[:, :, None].expand(*wanted, x1.shape[1] // wanted[1]).flatten(1)
+        x1 = torch.where(left_out, _neutral(coupling, x1, c) if left_out.any() else 0.0, x1)
     validation.check_matrix(x1, "actions")
     validation.check_generator(generator)
     if (worker := get_worker_info()) and generator and generator.initial_seed() != worker.seed:
@@ -227,14 +224,26 @@ def _paired(
     varies = (x1 != x1[0]).any(dim=0)
     if getattr(coupling, "inverse", None) is not None:
         varies = torch.ones_like(varies)  # a frame may mix the columns
-    clustered = getattr(coupling, "condition", None) is not None
-    c = None if condition is None else _matrix(condition, "condition", clustered)
     with torch.autocast(x1.device.type, enabled=False):
         pairs = coupling(x0 * varies, x1 * varies, c, generator=generator)
     _check_moved(coupling, pairs, x1 * varies, c)
     moved = torch.empty_like(x0)
     moved[pairs.target_index] = torch.where(varies, pairs.x0, x0[pairs.source_index])
     return moved.view(actions.shape).to(actions.dtype), moved, varies
+
+
+def _neutral(coupling: Coupling, x1: Tensor, c: Tensor | None) -> Tensor | float:
+    """What a padded step is taken for, so that pairing heeds it in no row: 0, or the mean."""
+    forward = getattr(coupling, "forward", None)
+    if forward is None:
+        return 0.0
+    if c is None or not hasattr(forward, "mean"):
+        raise ValueError(
+            f"is_pad must mark no step for a coupling in a frame, where a step is not zero; got "
+            f"{coupling!r}"
+        )
+    mean: Tensor = forward.mean(c).to(x1)
+    return mean
 
 
 def _rows(value: Any, name: str) -> Tensor:

@@ -320,10 +320,28 @@ def test_a_mean_that_trains_is_refused():
         centred(MinibatchOT(), mean.train())(x0, x1, c)
 
 
-def test_padding_is_refused_where_zero_is_not_nothing():
+def test_a_padded_step_counts_for_nothing_around_a_mean():
+    """It counted as minus the mean, and its noise followed the condition (corr^2 .7)."""
     from cotlearn.bridge import paired_noise
 
-    c, pad = torch.randn(8, 1), torch.arange(4).expand(8, 4) > 2
-    coupling = centred(MinibatchOT(), lambda c: c.repeat(1, 4))
-    with pytest.raises(ValueError, match="is_pad must be None"):
-        paired_noise(coupling, torch.randn(8, 4, 1), c, is_pad=pad)
+    coupling, c = centred(MinibatchOT(), lambda c: 2 * c.repeat(1, 4)), torch.randn(4096, 1)
+    pad = (torch.arange(4) >= torch.randint(1, 5, (4096, 1))).expand(4096, 4)
+    x1 = (2 * c + 0.3 * torch.randn(4096, 4))[:, :, None]
+    noise = torch.cat([
+        paired_noise(coupling, *some, is_pad=out)
+        for *some, out in zip(x1.split(256), c.split(256), pad.split(256), strict=True)
+    ])  # fmt: skip
+    for step in range(1, 4):
+        for some in (pad[:, step], ~pad[:, step]):
+            both = torch.stack([noise[some, step, 0], c[some, 0]])
+            assert both.corrcoef()[0, 1].square() < 0.02
+
+
+def test_padding_in_a_frame_is_refused():
+    from cotlearn.bridge import paired_noise
+
+    coupling, c = Transformed(MinibatchOT(), lambda x, c: -x), torch.randn(8, 1)
+    actions, pad = torch.randn(8, 4, 1), torch.arange(4).expand(8, 4)
+    paired_noise(coupling, actions, c, is_pad=pad > 9)
+    with pytest.raises(ValueError, match="is_pad must mark no step"):
+        paired_noise(coupling, actions, c, is_pad=pad > 2)
