@@ -38,7 +38,7 @@ def paired_noise(
 
     Padding does not count. A column with one value for all rows, as in actions that are padded to a
     model's width, changes no plan, but weighs in a "balanced" condition weight, so it is left out.
-    A padded step counts as zero.
+    A padded step counts as zero, around a mean (`centred`) as that mean.
 
     Args:
         coupling: pairs rows of a batch and uses each once, as `ConditionalOT`.
@@ -58,7 +58,8 @@ def paired_noise(
 
     Raises:
         TypeError: an argument is of another kind.
-        ValueError: shapes do not match, or the coupling does more than move rows.
+        ValueError: shapes do not match, the coupling does more than move rows, or steps are padded
+            and it pairs in a frame.
     """
     return _untraced(_paired)(coupling, actions, condition, is_pad, generator, noise)[0]
 
