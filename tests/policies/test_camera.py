@@ -151,7 +151,8 @@ def test_every_method_trains_and_is_kept(episodes, method, tmp_path):
     noise = policy.noise(3, torch.Generator().manual_seed(0))
     assert np.array_equal(policy.act(history, noise=noise), back.act(history, noise=noise))
     clusters = method in ("conditional_ot", "stratified", "residual")
-    assert set(back.fitted) == ({"mean", "basis", "centroids", "limit", "scale"} if clusters else set())
+    fitted = {"mean", "basis", "centroids", "limit", "scale"} if clusters else set()
+    assert set(back.fitted) == fitted
     assert all(torch.equal(back.fitted[name], policy.fitted[name]) for name in back.fitted)
     policy.save(tmp_path / "half.safetensors", half=True)
     near = ChunkPolicy.load(tmp_path / "half.safetensors")
