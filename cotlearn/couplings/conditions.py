@@ -170,15 +170,15 @@ class Clusters(WithOptions):
         near = centroids - centre
         far = torch.empty(len(c), dtype=torch.float64, device=c.device)
         labels = torch.empty(len(c), dtype=torch.long, device=c.device)
-        parts: list[Tensor] = []
+        seen = centroids[:0]
         # filled in place: small results that are kept between large blocks can break up the heap
         for first in range(0, len(c), ROWS_AT_ONCE):
             some = slice(first, first + ROWS_AT_ONCE)
-            parts.append(self.project(c[some]).double())
-            away = torch.cdist(parts[-1] - centre, near).min(dim=1)
+            part = self.project(c[some]).double()
+            away = torch.cdist(part - centre, near).min(dim=1)
             far[some], labels[some] = away.values, away.indices
-            del parts[1:]
-        return far, labels, parts[0] if parts else centroids[:0]
+            seen = seen if first else part
+        return far, labels, seen
 
     def __call__(self, c: Tensor) -> Tensor:
         """The nearest centroid of each row of c (n, k), (n, m)."""
