@@ -24,8 +24,8 @@ from cotlearn.datasets import Standardiser
 
 LARGEST_SEED = 2**32 - 1  #: that scikit-learn takes
 ROWS_AT_ONCE = 4096  #: rows whose distances to the centroids are held in memory at once
-BEYOND = 3.0  #: times the usual distance from the clusters, for a warning
-SOME = 0.05  #: share of the rows beyond it, for a warning
+SOME = 0.05  #: share of the rows of the fit that lie farther from the clusters than is usual
+BEYOND = 3.0  #: times the usual distance, beyond which as large a share gets a warning
 SHRUNK, ENOUGH = 0.02, 32  #: part of its deviation in the fit that a column has, of so many rows
 LONG = 2e7  #: rows times clusters from which k-means takes more than some seconds, and says so
 
@@ -112,7 +112,8 @@ class Clusters(WithOptions):
         far, label, _ = half._nearest(c)
         between = torch.cdist(centroids, centroids).fill_diagonal_(math.inf).min(dim=1).values
         half_way = float(between[label.cpu()].median()) / 2
-        limit = half_way if far.max() == 0 else BEYOND * max(float(far.median()), half_way)
+        usual = float(far.sort().values[int((1 - SOME) * (len(far) - 1))])  # tails may be heavy
+        limit = half_way if far.max() == 0 else BEYOND * max(usual, half_way)
         limit = 0.0 if math.isinf(limit) else limit
         scale = seen.double().std(dim=0, unbiased=False)
         self._fitted = {**half._fitted, "limit": torch.tensor(limit).to(c), "scale": scale.to(c)}

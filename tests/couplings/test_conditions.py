@@ -364,3 +364,6 @@ def test_conditions_like_those_of_the_fit_are_not(rows):
         warnings.simplefilter("error")
         for c in (torch.randn(900, 3), torch.eye(9)[torch.arange(900) % 9], torch.rand(900, 64)):
             KMeansCondition(8).fit(c[:500]).labels(c[500 : 500 + rows])
+        tailed = torch.cat([0.01 * torch.randn(800, 9), 5 * torch.randn(100, 9)])
+        tailed = tailed[torch.randperm(900, generator=seeded())]  # a photograph's brightness
+        KMeansCondition(16).fit(tailed[:500]).labels(tailed[500:])
