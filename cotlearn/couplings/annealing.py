@@ -56,7 +56,7 @@ def nearness(cost: Array) -> float:
     return median(tenths.tolist())
 
 
-@compiled()
+@compiled(fastmath={"nnan", "nsz"})
 def _cheapest(cost: Array) -> tuple[Array, int]:
     """The first and the last result of `survey`, without a second matrix of this size.
 
@@ -70,10 +70,12 @@ def _cheapest(cost: Array) -> tuple[Array, int]:
             least[j] = min(least[j], cost[i, j])
     taken = np.zeros(n, np.bool_)
     for i in range(n):
-        best = 0
+        lowest = np.inf
         for j in range(n):
-            if cost[i, j] - least[j] < cost[i, best] - least[best]:
-                best = j
+            lowest = min(lowest, cost[i, j] - least[j])
+        best = 0
+        while cost[i, best] - least[best] != lowest:  # a loop without this branch is vectorised
+            best += 1
         taken[best] = True
     return least, int(taken.sum())
 

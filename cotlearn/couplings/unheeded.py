@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.distances import to_numpy
+from cotlearn.couplings.distances import to_numpy, variances
 
 NEARLY_ALL = 0.99  #: share of the condition cost of one column that causes a warning
 UNHEEDED = 0.05  #: squared difference in pairs, as a share of that in random pairs, that does so
@@ -53,8 +53,8 @@ def warn_if_unheeded(noise: Tensor, data: Tensor) -> None:
         data: (B, k), the conditions of the data, pair by pair.
     """
     before, after = to_numpy(noise), to_numpy(data)
-    spread = after.var(axis=0)
-    share = np.square(before - after).mean(axis=0) / (2 * spread + (spread == 0))
+    spread, apart = variances(after), before - after
+    share = np.einsum("ij,ij->j", apart, apart) / len(apart) / (2 * spread + (spread == 0))
     worst = int(share.argmax())
     if share[worst] > UNHEEDED:
         warnings.warn(
