@@ -430,3 +430,13 @@ def check_generator(value: Any, name: str = "generator") -> None:
     """Raise TypeError unless `value` is torch's generator of random numbers, or None."""
     if value is not None and not isinstance(value, torch.Generator):
         raise TypeError(f"{name} must be a torch.Generator or None, got {short(value)}")
+    check_default_device()
+
+
+def check_default_device() -> None:
+    """Raise RuntimeError where new tensors hold no numbers, under `torch.device("meta")`."""
+    if torch.empty(0).is_meta:
+        raise RuntimeError(
+            "torch's default device is 'meta', whose tensors hold no numbers: only build networks "
+            "in such a block, and draw and pair outside of it"
+        )

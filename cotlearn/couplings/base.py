@@ -306,6 +306,8 @@ class Coupling(WithOptions):
             places = [k - first for k in turns if k >= start]
             if not places:
                 continue
+            validation.check_default_device()
+            _check_worker(worker)
             if own._last_turn() is not turn:
                 raise RuntimeError(
                     f"another stream has prepared this {type(self).__name__} for its own data: "
@@ -418,7 +420,9 @@ class Batches(Coupling):
                 raise ValueError(f"start must be below the number of batches, {skipped}")
         worker = get_worker_info()
         step, first = (worker.num_workers, worker.id) if worker else (1, 0)
-        yield from itertools.islice(self._batches, first, None, step)
+        for pairs in itertools.islice(self._batches, first, None, step):
+            _check_worker(worker)
+            yield pairs
 
     def solve(self, data: Any, n: int, source: Source | None, generator: Generator) -> Pairs:
         """The next batch."""
@@ -552,6 +556,16 @@ def _check_rows(value: Any, name: str, rows: int) -> Tensor:
             got += f" from {int(index.min())} to {int(index.max())}"
         raise ValueError(f"match must give {name} as {rows} rows from 0 to {rows - 1}, got {got}")
     return index.to(torch.long)
+
+
+def _check_worker(begun_in: Any) -> None:
+    """Raise RuntimeError in a DataLoader's worker that got a stream which another process began."""
+    worker = get_worker_info()
+    if worker and worker is not begun_in:
+        raise RuntimeError(
+            "this stream was begun before the DataLoader's workers, which would all yield the same "
+            "batches: call stream(...) in each worker, in the data set's __iter__"
+        )
 
 
 def _warn_of_own_sample(coupling: Coupling, data: Any) -> None:

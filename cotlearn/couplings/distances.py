@@ -66,7 +66,7 @@ def pairing_cost(first: Tensor, second: Tensor) -> Array:
 
 def hides(cost: Array, first: Tensor, second: Tensor) -> bool:
     """Whether rounding of squared distances hides what decides their plans."""
-    scale = math.sqrt(variances(to_numpy(first)).max() * variances(to_numpy(second)).max())
+    scale = math.prod(math.sqrt(variances(to_numpy(x)).max()) for x in (first, second))
     return bool(EPS * cost.max() > HIDDEN * scale > 0)
 
 

@@ -215,6 +215,7 @@ def _gradient_step(state: State, pairs: Pairs, loss: Loss) -> None:
         weight.grad = None
     value.backward()
     state.optimizer.step()
+    torch.clear_autocast_cache()  # around the whole training it would keep the weights of this step
     state.unlogged.append(value.detach())
     decay = min(plan["ema"], (1 + step) / (10 + step))
     with torch.no_grad():

@@ -19,6 +19,7 @@ from cotlearn import couplings
 from cotlearn.couplings import (
     ConditionalOT,
     Coupling,
+    FixedPairs,
     Independent,
     MinibatchOT,
     StratifiedOT,
@@ -521,6 +522,26 @@ def test_every_batch_has_one_worker_whatever_the_numbers(
             shares.append(take(Independent(), petals(), 15 // workers, **options))
     turns = [share[k] for k in range(15 // workers) for share in shares]
     assert all(same(a, b) for a, b in zip(turns, alone, strict=False))
+
+
+@pytest.mark.parametrize(
+    "coupling", [MinibatchOT(), Batches(iter(take(Independent(), petals(), 8)))]
+)
+def test_a_stream_begun_before_the_workers_is_refused_in_them(monkeypatch, coupling):
+    stream = coupling.stream(petals(), batch_size=8, generator=seeded())
+    next(stream)
+    worker = SimpleNamespace(num_workers=2, id=1, seed=77)
+    monkeypatch.setattr(base, "get_worker_info", lambda: worker)
+    with pytest.raises(RuntimeError, match="begun before the DataLoader's workers"):
+        next(stream)
+
+
+@pytest.mark.parametrize("coupling", [MinibatchOT(), FixedPairs(torch.randn(64, 2))])
+def test_nothing_is_drawn_where_tensors_hold_no_numbers(coupling):
+    data = Dataset(torch.randn(64, 2), torch.randn(64, 1))
+    stream = coupling.stream(data, batch_size=8, generator=seeded())
+    with torch.device("meta"), pytest.raises(RuntimeError, match="default device is 'meta'"):
+        next(stream)
 
 
 def test_a_generator_that_all_workers_have_is_said(monkeypatch):

@@ -6,7 +6,7 @@ from support import seeded
 from torch import nn
 
 from cotlearn.couplings import Independent
-from cotlearn.flows import VelocityMLP, integrate
+from cotlearn.flows import VelocityMLP, fit, integrate
 from cotlearn.flows.diffusion import Diffusion, regression_loss
 from cotlearn.flows.guidance import LabelDropout
 from cotlearn.flows.matching import FlowMatching
@@ -56,6 +56,17 @@ def test_a_loss_in_half_precision_is_the_loss(loss, network):
     assert rough.dtype == torch.float32
     assert rough.mean() == pytest.approx(rows.mean().item(), rel=0.02, abs=1e-5)
     assert torch.cosine_similarity(slope, rough_slope, dim=0) > 0.95
+
+
+def test_a_training_inside_autocast_trains_every_weight():
+    losses = []
+    for half in (False, True):
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=half):  # it keeps cast weights
+            result = fit(
+                a_network(), petals(), Independent(), steps=120, batch_size=128, progress=False
+            )
+        losses.append(result.history["loss"][-1])
+    assert losses[1] == pytest.approx(losses[0], rel=0.02)
 
 
 def test_samples_in_half_precision_have_the_type_of_the_noise():
