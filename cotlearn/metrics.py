@@ -183,7 +183,7 @@ def straightness(
         c: (n, k), or None.
     """
     validation.check_function(velocity, "velocity", "(t, x, c) -> v")
-    validation.check_inputs(velocity, x0, c, "x0")
+    validation.check_sampled(velocity, x0, c, of="velocity")
     path = [x0.to(torch.promote_types(x0.dtype, torch.float32))]  # steps would be rounded away
     for step in range(STEPS):
         t = torch.tensor(step / STEPS, dtype=x0.dtype, device=x0.device)

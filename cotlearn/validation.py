@@ -3,10 +3,11 @@
 Each error message names the argument, the value that came and the value that was expected.
 """
 
+import functools
 import itertools
 import math
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from numbers import Integral
 from types import EllipsisType
 from typing import Any
@@ -211,18 +212,22 @@ def check_same_rows(first: Tensor, first_name: str, second: Tensor, second_name:
 
 
 def check_squares(**values: Tensor) -> None:
-    """Raise ValueError if squares of these finite tensors (n, k) overflow, or vanish altogether.
+    """Raise ValueError if squares of these finite tensors (n, k) overflow, or a column's vanish.
 
     Only float64 holds such numbers.
     """
-    size = {name: float(x.detach().abs().max()) for name, x in values.items()}
-    largest = max(size, key=size.__getitem__)
-    if size[largest] > LARGEST_SQUARED or 0 < size[largest] < SMALLEST_SQUARED:
-        raise ValueError(
-            f"{' and '.join(values)} must have values between {SMALLEST_SQUARED:g} and "
-            f"{LARGEST_SQUARED:g}, whose squares float64 holds; {largest} has values up to "
-            f"{size[largest]:.3g}: divide by their scale"
-        )
+    for name, x in values.items():
+        if x.dtype != torch.float64:
+            continue
+        size = x.detach().abs().amax(dim=0)
+        wrong = (size > LARGEST_SQUARED) | ((size > 0) & (size < SMALLEST_SQUARED))
+        if wrong.any():
+            column = int(wrong.nonzero()[0, 0])
+            raise ValueError(
+                f"{' and '.join(values)} must have values between {SMALLEST_SQUARED:g} and "
+                f"{LARGEST_SQUARED:g}, whose squares float64 holds; column {column} of {name} has "
+                f"values up to {float(size[column]):.3g}: divide by their scale"
+            )
 
 
 def check_inputs(network: Any, x: Any, c: Any, name: str = "x") -> Any:
@@ -253,6 +258,17 @@ def check_inputs(network: Any, x: Any, c: Any, name: str = "x") -> Any:
         raise ValueError(f"{who} has condition_dim=0, but got c; pass c=None")
     c = check_condition(c, columns=wanted)
     check_same_rows(c, "c", x, name)
+    return c
+
+
+def check_sampled(network: Any, x: Any, c: Any, name: str = "x0", of: str = "network") -> Any:
+    """Check the inputs of a network that makes samples, and that equal calls give equal ones.
+
+    Raises:
+        ValueError: also, the network is in train mode and has dropout or normalises by its batch.
+    """
+    c = check_inputs(network, x, c, name)
+    check_draws_nothing(network, of, "equal calls give other samples")
     return c
 
 
@@ -410,13 +426,32 @@ def check_has(value: Any, name: str, wanted: str, *attributes: str) -> Any:
 
 
 def check_draws_nothing(network: Any, name: str, what_happens: str) -> None:
-    """Raise ValueError if a network has dropout, or normalises by its batch, and trains."""
-    parts = network.modules() if isinstance(network, nn.Module) else ()
+    """Raise ValueError if a network has dropout, or normalises by its batch, and trains.
+
+    So may one in a wrapper of this package, as `Guided`, or whose method this is.
+    """
+    parts = itertools.chain.from_iterable(part.modules() for part in networks_in(network))
     kinds = nn.modules.dropout._DropoutNd, nn.modules.batchnorm._BatchNorm
     if any(isinstance(part, kinds) and part.training for part in parts):
         raise ValueError(
             f"{name} must be in eval mode: by dropout or batch normalisation {what_happens}"
         )
+
+
+def networks_in(function: Any) -> Iterator[nn.Module]:
+    """The network that a function is, whose method it is, or that it holds if it is of cotlearn."""
+    if isinstance(function, nn.Module):
+        yield function
+        return
+    held = [getattr(function, "__self__", None)]
+    if isinstance(function, functools.partial):
+        held += [function.func, *function.args, *function.keywords.values()]
+    elif str(getattr(function, "__module__", "")).startswith("cotlearn."):
+        cells = getattr(function, "__closure__", None) or ()
+        held += [*getattr(function, "__dict__", {}).values(), *(c.cell_contents for c in cells)]
+    for part in held:
+        if callable(part):
+            yield from networks_in(part)
 
 
 def check_seeds(values: Any, name: str = "seeds") -> list[int]:

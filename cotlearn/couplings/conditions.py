@@ -48,7 +48,7 @@ def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | Non
     Raises:
         TypeError: conditions or weights is no dictionary.
         ValueError: conditions is empty, their rows differ, weights has an unknown name, or a weight
-            is negative.
+            is negative, or so large that the columns overflow.
     """
     _check_names(conditions, "conditions")
     _check_names({} if weights is None else weights, "weights")
@@ -68,7 +68,10 @@ def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | Non
         c = tamed(c)
         scaler = Standardiser.fit(c)
         varying = max(1, int((scaler.std > 0).sum()))
-        parts.append(scaler(c) * math.sqrt(weight / varying))
+        weighted = scaler(c) * math.sqrt(weight / varying)
+        if not weighted.isfinite().all():
+            raise ValueError(f"weights[{name!r}] is {weight:.3g}, too large for {c.dtype}")
+        parts.append(weighted)
     return torch.cat(parts, dim=1)
 
 
@@ -290,7 +293,9 @@ class PCAKMeansCondition(Clusters):
         c = validation.check_condition(c)
         mean, basis = (self._ready(name).to(c) for name in ("mean", "basis"))
         pixels = validation.check_matrix(c[:, : self.pixels], "the pixels of c", columns=len(mean))
-        return torch.cat([(pixels - mean) @ basis.T, c[:, len(mean) :]], dim=1)
+        with torch.autocast(c.device.type, enabled=False):  # half precision gives other clusters
+            components = (pixels - mean) @ basis.T
+        return torch.cat([components, c[:, len(mean) :]], dim=1)
 
 
 @dataclass(repr=False)

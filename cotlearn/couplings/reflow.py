@@ -12,7 +12,7 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Coupling, Match, Pairs, Source, Traits, check_like, lent
 from cotlearn.couplings.independent import Independent
-from cotlearn.validation import check_function, check_matrix, check_same_rows
+from cotlearn.validation import check_draws_nothing, check_function, check_matrix, check_same_rows
 
 
 @dataclass(repr=False)
@@ -41,6 +41,7 @@ class Reflow(Coupling):
 
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Pair row i of the noise with the teacher's sample from it."""
+        check_draws_nothing(self.teacher, "teacher", "a noise row gets another sample each time")
         made = check_like(self.teacher(*lent(x0, c)), "teacher(x0, c)", x0)
         rows = np.arange(len(x0))
         return Match(rows, rows, x1=made.clone())  # a teacher may fill the same buffer again

@@ -88,7 +88,7 @@ class Diffusion:
             c: (B, k), or None.
             noise: (N - 1, B, d), standard normal, added in each step but the last.
         """
-        validation.check_inputs(network, x, c)
+        validation.check_sampled(network, x, c, "x")
         validation.check_shape(noise, "noise", (self.levels - 1, *x.shape))
         validation.check_matrix(noise.flatten(1), "noise")
         noise = noise.to(x)
@@ -126,7 +126,7 @@ class Diffusion:
                 that the noise comes back. "trailing": N - 1, N - 1 - N / nfe, ..., which starts
                 where there is only noise (2305.08891, with zero_terminal_snr).
         """
-        validation.check_inputs(network, x, c)
+        validation.check_sampled(network, x, c, "x")
         levels = self.ddim_levels(nfe, spacing)
         for k, after in zip(levels, [*levels[1:], None], strict=True):
             x1, noise = self._split(network, k, x, c)

@@ -96,12 +96,13 @@ def integrate(
         TypeError: x0, c or the velocity is not a floating-point tensor.
         ValueError: nfe is missing, below 1, not divisible as the method needs, or given with
             dopri5; the method is unknown; x0, c or the velocity has a wrong shape; x0 or c is not
-            finite.
+            finite; the velocity is a network in train mode, or holds one, that has dropout or
+            normalises by its batch.
         RuntimeError: the samples are not finite; with dopri5, the velocity is not, the step size
             became too small, or 20,000 evaluations were not enough.
     """
     validation.check_function(velocity, "velocity", "(t, x, c) -> v")
-    validation.check_inputs(velocity, x0, c, "x0")
+    validation.check_sampled(velocity, x0, c, of="velocity")
     evaluations = 0
 
     def field(t: float, x: Tensor) -> Tensor:
@@ -182,8 +183,7 @@ def sampler(
         A function from c (n, k) to one sample per row, (n, d).
 
     Raises:
-        ValueError: dim is missing; when sampling, the velocity is a network in train mode that has
-            dropout or normalises by its batch.
+        ValueError: dim is missing; when sampling, as `integrate`.
     """
     validation.check_function(velocity, "velocity", "(t, x, c) -> v")
     validation.check_count(nfe, "nfe")
@@ -195,7 +195,6 @@ def sampler(
 
     def sample(c: Tensor, generator: torch.Generator | None = None) -> Tensor:
         validation.check_generator(generator)
-        validation.check_draws_nothing(velocity, "velocity", "equal calls give other samples")
         like = torch.empty(len(validation.check_condition(c)), size, dtype=_dtype_of(velocity))
         noise = draw_noise(like, source, generator)
         return integrate(velocity, noise.to(c.device), c, nfe=nfe).x1
@@ -205,11 +204,7 @@ def sampler(
 
 def _dtype_of(velocity: Velocity) -> torch.dtype:
     """The type of the weights of a network, or of one that this holds; torch's default if none."""
-    held = [
-        velocity,
-        getattr(velocity, "__self__", None),
-        *getattr(velocity, "__dict__", {}).values(),
-    ]
-    networks = [part for part in held if isinstance(part, torch.nn.Module)]
+    held = [velocity, *getattr(velocity, "__dict__", {}).values()]
+    networks = (network for part in held for network in validation.networks_in(part))
     weights = (weight for network in networks for weight in network.parameters())
     return next((w.dtype for w in weights if w.is_floating_point()), torch.get_default_dtype())

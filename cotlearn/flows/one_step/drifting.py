@@ -7,7 +7,7 @@ from torch import Tensor
 
 from cotlearn.couplings.base import Pairs
 from cotlearn.flows.matching import Velocity, evaluate, squared_error
-from cotlearn.validation import check_inputs
+from cotlearn.validation import check_sampled
 
 DIRECT = "donot_use_mm_for_euclid_dist"  #: a matrix product would lose digits
 TEMPERATURES = (0.02, 0.05, 0.2)  #: of the kernel, in units of the mean distance to the data
@@ -47,7 +47,7 @@ class Drifting:
     @torch.no_grad()
     def sample(self, network: Velocity, x0: Tensor, c: Tensor | None = None) -> Tensor:
         """Samples (B, d) from noise x0 (B, d) by one evaluation."""
-        c = check_inputs(network, x0, c, "x0")
+        c = check_sampled(network, x0, c)
         return evaluate(network, x0.new_zeros(()), x0, c, name="network")
 
 

@@ -21,7 +21,7 @@ from cotlearn.flows.matching import (
     squared_error,
     velocity_of,
 )
-from cotlearn.validation import check_choice, check_count, check_inputs, check_number, check_share
+from cotlearn.validation import check_choice, check_count, check_number, check_sampled, check_share
 
 #: Of log(t / (1 - t)), which has deviation 1. (The paper's -0.4 counts time from the data.)
 LOCATION = 0.4
@@ -212,7 +212,7 @@ def jump(
     """
     if not isinstance(network, MeanVelocity):
         raise TypeError(f"network must be a MeanVelocity, got {type(network).__name__}")
-    c, x = check_inputs(network, x0, c, "x0"), x0
+    c, x = check_sampled(network, x0, c), x0
     mean: Any = velocity_of(network, prediction)
     for step in range(check_count(nfe, "nfe")):
         x = x + evaluate(mean, step / nfe, x, c, 1 / nfe, name="network") / nfe

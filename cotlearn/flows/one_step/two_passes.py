@@ -6,7 +6,7 @@ from torch import Tensor
 from cotlearn.couplings.base import Pairs
 from cotlearn.flows.diffusion import predict, regression_loss
 from cotlearn.flows.matching import Velocity, evaluate, interpolate, squared_error
-from cotlearn.validation import check_inputs, check_shape
+from cotlearn.validation import check_sampled, check_shape
 
 LATE = 0.9  #: the time of the second pass
 
@@ -28,7 +28,7 @@ class TwoPasses:
     @torch.no_grad()
     def sample(self, network: Velocity, x0: Tensor, c: Tensor | None = None) -> Tensor:
         """Samples (B, d) by two evaluations; of x0 only the shape is used."""
-        c = check_inputs(network, x0, c, "x0")
+        c = check_sampled(network, x0, c)
         t = x0.new_full((len(x0),), LATE)
         first = check_shape(predict(network, x0, c), "network", x0.shape, "return").to(x0)
         return evaluate(network, t, LATE * first, c, name="network")
