@@ -225,8 +225,8 @@ def check_squares(**values: Tensor) -> None:
             column = int(wrong.nonzero()[0, 0])
             raise ValueError(
                 f"{' and '.join(values)} must have values between {SMALLEST_SQUARED:g} and "
-                f"{LARGEST_SQUARED:g}, whose squares float64 holds; column {column} of {name} has "
-                f"values up to {float(size[column]):.3g}: divide by their scale"
+                f"{LARGEST_SQUARED:g}, whose squares float64 holds; {name} has values up to "
+                f"{float(size[column]):.3g} in column {column}: divide by their scale"
             )
 
 

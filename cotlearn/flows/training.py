@@ -211,6 +211,8 @@ def _gradient_step(state: State, pairs: Pairs, loss: Loss) -> None:
     generator = generator_for(plan["seed"], step, Purpose.LOSS)
     _seed_layers(generator.initial_seed() ^ LAYERS, state.weights[0].device)
     value = weighted_mean(loss(state.network, pairs, generator), pairs)
+    if not value.requires_grad:
+        raise ValueError("loss must depend on the weights of the network: it has no gradient")
     for weight in state.weights:
         weight.grad = None
     value.backward()

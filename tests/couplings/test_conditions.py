@@ -161,6 +161,7 @@ def pca(clusters=2, **options):
     return PCAKMeansCondition(clusters=clusters, **options).fit(C)
 
 
+TINY = torch.stack([torch.arange(10) % 2, (torch.arange(10) % 5).double() * 1e-200], dim=1)
 C, INNER = torch.randn(10, 3), KMeansCondition(2)
 
 
@@ -169,6 +170,8 @@ test_bad_input = refused(
     (lambda: combine({"a": C}, {"b": 1.0}), ValueError, r"weights has unknown names \['b'\]"),
     (lambda: combine({"a": C}, {"a": -1.0}), ValueError, r"weights\['a'\] must be at least 0"),
     (lambda: combine({"a": C}, {"a": math.inf}), ValueError, r"weights\['a'\].*finite"),
+    (lambda: combine({"a": C.half()}, {"a": 1e12}), ValueError, r"weights\['a'\] is 1e\+12, too"),
+    (lambda: KMeansCondition(4).fit(TINY), ValueError, "values up to 4e-200 in column 1"),
     (lambda: combine({"a": C, "b": C[:4]}), ValueError, "b has 4 rows, a has 10"),
     (lambda: combine({"pose": C / 0}), ValueError, "pose has NaN or infinite"),
     (lambda: KMeansCondition(0), ValueError, "clusters must be at least 1"),
@@ -185,6 +188,15 @@ test_bad_input = refused(
     (lambda: EmbeddedClusters(abs, INNER, rows=0), ValueError, "rows must be at least 1"),
     (lambda: EmbeddedClusters(abs, INNER).labels(C), ValueError, "not fitted"),
 )
+
+
+def test_clusters_of_pixels_are_the_same_under_autocast():
+    c = torch.randn(500, 64, generator=seeded())
+    fitted = PCAKMeansCondition(components=8, clusters=40).fit(c)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        assert torch.equal(fitted.project(c), fitted.project(c.clone()))
+        labels = fitted.labels(c)
+    assert torch.equal(labels, fitted.labels(c))
 
 
 # --- clusters of a view ------------------------------------------------------------------------

@@ -619,6 +619,7 @@ test_bad_input = refused(
     ({"net": network(condition_dim=3)}, ValueError, "c has 4 columns, expected 3"),
     ({"net": network(dim=3)}, ValueError, "x1 has 2 columns, expected 3"),
     ({"loss": lambda net, pairs, g: torch.zeros(())}, ValueError, "loss must return one value"),
+    ({"loss": lambda net, pairs, g: torch.ones(len(pairs))}, ValueError, "it has no gradient"),
     ({"source": lambda n, generator=None: torch.zeros(n, 3)}, ValueError, r"source\(n\) must"),
     of=train,
 )

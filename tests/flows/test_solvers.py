@@ -1,14 +1,16 @@
 """The solvers on equations whose solution is known."""
 
 import math
+from functools import partial
 
 import pytest
 import torch
 from support import refused, seeded
 
-from cotlearn.flows import Guided, VelocityMLP, integrate, sampler, solvers
+from cotlearn.couplings import Reflow
+from cotlearn.flows import Guided, VelocityMLP, integrate, sampler, solvers, velocity_of
 from cotlearn.flows.diffusion import Diffusion
-from cotlearn.flows.one_step import MeanVelocity, TwoPasses, jump
+from cotlearn.flows.one_step import Drifting, MeanVelocity, TwoPasses, jump
 from cotlearn.flows.solvers import METHODS
 from cotlearn.gaussian import LinearGaussian
 from cotlearn.metrics import squared_w2, straightness
@@ -294,17 +296,40 @@ def test_a_velocity_may_return_the_same_buffer_each_time(method):
     assert torch.equal(*found)
 
 
-def test_a_network_that_trains_is_not_sampled():
-    class Net(torch.nn.Module):
-        dim = 2
+class Dropping(torch.nn.Module):
+    """A network that draws while it trains."""
 
-        def __init__(self):
-            super().__init__()
-            self.drop = torch.nn.Dropout(0.5)
+    dim = condition_dim = 2
 
-        def forward(self, t, x, c):
-            return self.drop(x)
+    def __init__(self):
+        super().__init__()
+        self.drop = torch.nn.Dropout(0.5)
 
-    sampler(Net().eval(), nfe=2)(torch.zeros(4, 1))
-    with pytest.raises(ValueError, match="velocity must be in eval mode"):
-        sampler(Net().train(), nfe=2)(torch.zeros(4, 1))
+    def forward(self, t, x, c=None):
+        return self.drop(x)
+
+
+X0, C = torch.randn(4, 2, generator=seeded()), torch.ones(4, 2)
+
+
+@pytest.mark.parametrize(
+    "sample",
+    [
+        lambda net: sampler(net, nfe=2)(C, seeded()),
+        lambda net: sampler(velocity_of(net, "data"), nfe=2, dim=2)(C, seeded()),
+        lambda net: sampler(Guided(net, 1.0), nfe=2)(C, seeded()),
+        lambda net: sampler(net.forward, nfe=2, dim=2)(C, seeded()),
+        lambda net: sampler(partial(net), nfe=2, dim=2)(C, seeded()),
+        lambda net: integrate(net, X0, C, nfe=2).x1,
+        lambda net: jump(MeanVelocity(net).train(net.training), X0, C[:, :1], nfe=2),
+        lambda net: TwoPasses().sample(net, X0, C),
+        lambda net: Drifting().sample(net, X0, C),
+        lambda net: Diffusion().ddim(net, X0, C, nfe=2),
+        lambda net: straightness(net, X0, C),
+        lambda net: Reflow(partial(net, 0.0))(X0, X0, C).x1,
+    ],
+)
+def test_a_network_that_trains_is_not_sampled(sample):
+    sample(Dropping().eval())
+    with pytest.raises(ValueError, match="must be in eval mode"):
+        sample(Dropping().train())
