@@ -126,7 +126,8 @@ class ConditionalOT(Coupling):
             validation.check_squares(c=seen)
             if self.condition_weight and self.condition_weight != "scaled":
                 warn_if_one_column_rules(seen)
-            target = exact_permutation(self._joint_cost(x0, x1, seen, noise_condition_index))
+            cost = self._joint_cost(x0, x1, seen, noise_condition_index)
+            target = exact_permutation(cost, ties=rng)
             if self.condition_weight in ConditionalOT.rules:  # a target ratio leaves more
                 warn_if_unheeded(seen[noise_condition_index], seen[target])
         labels = noise_condition_index[source] if self.label == "source" else None
@@ -220,7 +221,8 @@ def _within_classes(
         rows = np.flatnonzero(label[noise_condition_index] == k)
         columns = np.flatnonzero(label == k)
         sources.append(rows)
-        targets.append(columns[exact_permutation(sample_cost[np.ix_(rows, columns)])])
+        cost = sample_cost[np.ix_(rows, columns)]
+        targets.append(columns[exact_permutation(cost, ties=rng)])
     order = rng.permutation(len(c))  # so that batches cut from these pairs mix the classes
     return np.concatenate(sources)[order], np.concatenate(targets)[order]
 

@@ -53,8 +53,8 @@ class MinibatchOT(Coupling):
             plan = sinkhorn_plan(squared_distances(x0, x1), regularization=self.regularization)
             if self.sampling == "replacement":
                 return Match(*draw_pairs(plan, len(rows), rng))
-            return Match(rows, exact_permutation(-plan))
-        columns = exact_permutation(pairing_cost(x0, x1))
+            return Match(rows, exact_permutation(-plan, ties=rng))
+        columns = exact_permutation(pairing_cost(x0, x1), ties=rng)
         if self.sampling == "replacement":  # the plan is uniform over the pairs (i, columns[i])
             rows = rng.integers(len(rows), size=len(rows))
         return Match(rows, columns[rows])

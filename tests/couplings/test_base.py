@@ -24,6 +24,7 @@ from cotlearn.couplings import (
     MinibatchOT,
     StratifiedOT,
     base,
+    centred,
 )
 from cotlearn.couplings.base import Batches, Match, Pairs, draw_noise
 from cotlearn.couplings.distances import mean_distance, squared_distances, to_numpy
@@ -480,6 +481,31 @@ def test_a_function_in_the_options_has_the_same_name_in_every_process():
     text = repr(ConditionalOT(1.0, condition=half))
     assert "half" in text
     assert " at 0x" not in text
+
+
+# --- ties ---
+
+
+@pytest.mark.parametrize("rows", [40, 256])
+@pytest.mark.parametrize(
+    "coupling",
+    [
+        MinibatchOT(),
+        MinibatchOT(plan="sinkhorn"),
+        ConditionalOT(0.0),
+        ConditionalOT(math.inf, condition=torch.ones_like),
+        centred(MinibatchOT(), lambda c: torch.zeros(len(c), 2)),
+    ],
+)
+def test_noise_does_not_depend_on_the_order_of_equal_data(coupling, rows):
+    g, c = seeded(1), torch.linspace(-1, 1, rows)[:, None]  # the batch is sorted by its condition
+    sums = []
+    for _ in range(8000 // rows):
+        x1 = torch.randint(0, 2, (rows, 1), generator=g).float().expand(-1, 2)
+        pairs = coupling(torch.randn(rows, 2, generator=g), x1, c, g)
+        sums.append(torch.cat([pairs.x0, pairs.x0.norm(dim=1, keepdim=True), pairs.c], dim=1))
+    slope = np.corrcoef(torch.cat(sums).T.numpy())[3, :3]
+    assert abs(slope).max() < 0.05  # where solvers choose in order it is -.1 to -.2
 
 
 # --- in the workers of a DataLoader ---
