@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from filelock import FileLock
 
 from cotlearn.course.assets import find_data
 from cotlearn.files import write_text
@@ -77,10 +78,15 @@ class Table:
         self.about: Values = {"question": question, "command": command, "protocol": protocol}
         self.about |= {**machine("POT"), "cpu_seconds": 0}
         if path.exists():
-            stored, self.rows = _read(path)
-            if stored["protocol"] != protocol:
-                raise ValueError(f"{path} was made with another protocol: give another file")
+            stored, self.rows = self._stored()
             self.about["cpu_seconds"] = stored["cpu_seconds"]
+
+    def _stored(self) -> tuple[Values, list[dict[str, str]]]:
+        """What made the file, and its rows."""
+        stored, rows = _read(self.path)
+        if stored["protocol"] != self.about["protocol"]:
+            raise ValueError(f"{self.path} was made with another protocol: give another file")
+        return stored, rows
 
     def fill(
         self,
@@ -98,6 +104,7 @@ class Table:
                 of such dictionaries, one for each row.
             say: where a line about each cell goes.
         """
+        keys = [key for i, key in enumerate(keys) if key not in keys[:i]]
         missing = [key for key in keys if not self.holds(key)]
         say(f"{len(keys)} cells, {len(keys) - len(missing)} done already")
         for number, key in enumerate(missing, start=1):
@@ -127,9 +134,15 @@ class Table:
         rows = [row for each in cells for row in _melted(each, self.axes)]
         if taken := {name for row in rows for name in row if name in {*key, *SPENT}}:
             raise ValueError(f"compute must not return {min(taken)!r}, which is in the key or time")
-        self.rows += [_words(first | row | last) for row in rows]
-        self.about["cpu_seconds"] = round(self.about["cpu_seconds"] + cpu_seconds, 1)
-        self.write()
+        rows = [_words(first | row | last) for row in rows]
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(self.path.with_name(f".{self.path.name}.lock")):
+            if self.path.exists():  # another process may have added cells
+                stored, self.rows = self._stored()
+                self.about["cpu_seconds"] = stored["cpu_seconds"]
+            self.rows = [*self.rows, *rows]
+            self.about["cpu_seconds"] = round(self.about["cpu_seconds"] + cpu_seconds, 1)
+            self.write()
 
     def frame(self) -> Any:
         """The rows as a `pandas.DataFrame`, see `read_table`."""
@@ -159,6 +172,8 @@ def _melted(values: Values, axes: Sequence[str]) -> list[Values]:
         row = (
             rows.setdefault(numbers, dict(zip(axes, numbers, strict=False))) if numbers else shared
         )
+        if name in row:
+            raise ValueError(f"compute must not return {name!r} twice, as a name and as two")
         row[name] = value
     return [row | shared for row in rows.values()] or [shared]
 
@@ -190,10 +205,12 @@ def _words(row: Values) -> dict[str, str]:
 
 
 def _reads_as_number(word: str) -> bool:
+    if word.lower() in ("true", "false", "inf", "-inf", "+inf", "infinity"):
+        return True
     try:
         return math.isfinite(float(word))
     except ValueError:
-        return word.lower() in ("true", "false")
+        return False
 
 
 def _read(path: Path) -> tuple[Values, list[dict[str, str]]]:

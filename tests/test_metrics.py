@@ -126,6 +126,20 @@ def test_straightness_far_from_0_in_few_digits(dtype):
     assert straightness(field, x0) == pytest.approx(9, rel=0.01)
 
 
+def test_straightness_needs_a_finite_field():
+    with pytest.raises(ValueError, match="velocity must be finite along its own paths"):
+        straightness(lambda t, x, c: x / 0, normal(5))
+
+
+@pytest.mark.parametrize("scale", [1e-170, 1e160])
+def test_scores_of_numbers_whose_squares_float64_does_not_hold(scale):
+    a, b = scale * torch.randn(2, 30, 2, dtype=torch.float64, generator=seeded())
+    with pytest.raises(ValueError, match="whose squares float64 holds"):
+        metrics.energy_score(torch.stack([a, b]), a)
+    with pytest.raises(ValueError, match="whose squares float64 holds"):
+        metrics.joint_squared_w2(a / scale, b / scale, a)
+
+
 def test_straightness_of_a_known_field():
     """v = (2 t, 0): the path is t^2, and int (2 t - 1)^2 dt = 1/3."""
 

@@ -95,6 +95,8 @@ def test_a_cell_may_have_several_rows(table):
         ("two\nlines", "value must be one line"),
         ("two\u2028lines", "value must be one line"),
         ("012e3", "value must not be a word that reads as a number; got '012e3'"),
+        ("inf", "value must not be a word that reads as a number; got 'inf'"),
+        ({"": 1, " ": {}} | {"a": {"b": 1}, "a_b": 2}, "must not return 'value_a_b' twice"),
         ({1: 0.5, 16: 0.1}, "axis must name what the numbers in value are"),
     ],
 )
@@ -111,6 +113,14 @@ def test_a_damaged_table_is_named(table, tmp_path, damage):
     file.write_text(damage(file.read_text()))
     with pytest.raises(ValueError, match=r"table\.csv is damaged: delete it to make it again"):
         table()
+
+
+def test_two_tables_on_one_file_lose_nothing(table):
+    one, other = table(), table()
+    fill(one, [{"n": 1}], [])
+    fill(other, [{"n": 2}, {"n": 2}], made := [])
+    assert made == [{"n": 2}]
+    assert table().frame()["n"].tolist() == [1, 2]
 
 
 def test_versions_are_those_of_what_was_used():

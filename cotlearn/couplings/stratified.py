@@ -37,6 +37,8 @@ FITTED_TO = "fitted_to"  #: name of the digest in a checkpoint
 MANY = 128  #: rows from which it is said that conditions have few rows each
 FEW = 8  #: rows of a condition on average, below which it is said
 TINY = 4  #: rows up to which all permutations are tried, of all such clusters at once
+UNBIASED = 0.9  #: of the variance of residuals: with less, the rest is left by a penalty
+ROUNDED = 8  #: rounding errors of x1, up to which residuals are nothing else
 LARGEST_SOLVE = 4096  #: most rows of an assignment, which then takes seconds and 0.3 GB
 
 
@@ -58,8 +60,9 @@ class StratifiedOT(Coupling):
             `PCAKMeansCondition` or `EmbeddedClusters`, which stays as it is if it comes fitted; or
             None, for one cluster per distinct condition.
         residual: pair x0 with the residuals of a linear regression of x1 on c in the cluster. Where
-            x1 depends linearly on c inside a cluster, x0 then does not, and paths are straightened
-            as much. This changes which rows are paired, not x1 itself.
+            x1 depends linearly on c inside a cluster, x0 then hardly does, and paths are
+            straightened as much; a cluster needs more than twice as many rows as c has columns.
+            This changes which rows are paired, not x1 itself.
         rows_per_solve: larger clusters are cut at random into parts of at most this many rows, from
             2 to 4,096.
         n_samples: rows of an epoch that are drawn anew each time, for endless data.
@@ -200,9 +203,10 @@ class StratifiedOT(Coupling):
         if not self.residual:
             return numbers, x1.clone()  # it is kept, and a buffer may be refilled
         values, conditions = to_numpy(x1), to_numpy(c)
-        left = np.empty_like(values)
-        for rows in _groups(np.arange(len(c)), numbers):
-            left[rows] = residuals(values[rows], conditions[rows])
+        groups = _groups(np.arange(len(c)), numbers)
+        left = _residuals(values, conditions, groups)
+        rounding = torch.finfo(x1.dtype).eps * np.abs(values).max(axis=0)
+        left[:, np.sqrt(np.square(left).mean(axis=0)) <= ROUNDED * rounding] = 0.0
         return numbers, torch.from_numpy(left).to(x1)
 
     def _solves(self, label: Array, rng: np.random.Generator) -> Iterator[Array]:
@@ -254,12 +258,29 @@ def _permuted(groups: Array, x0: Array, x1: Array) -> Array:
     return np.take_along_axis(groups, orders[gains.argmax(axis=1)], axis=1)
 
 
-def residuals(y: Array, z: Array) -> Array:
-    """Residuals (n, d) of a linear regression of values y (n, d) on conditions z (n, k).
+def _residuals(y: Array, z: Array, groups: list[Array]) -> Array:
+    """Residuals (N, d) of one linear regression of y (N, d) on z (N, k) for each group of rows.
+
+    Where x1 is all but linear in c, most of a residual would be what the penalty of the regression
+    leaves, which depends on c. If that is so in most rows, there is no penalty.
+    """
+    left, plain, biased = np.empty_like(y), np.empty_like(y), 0
+    for rows in groups:
+        left[rows], plain[rows], mostly = residuals(y[rows], z[rows])
+        biased += len(rows) if mostly else 0
+    return plain if biased > len(y) / 2 else left
+
+
+def residuals(y: Array, z: Array) -> tuple[Array, Array, bool]:
+    """Residuals of a linear regression of values y (n, d) on conditions z (n, k).
 
     The regression has an intercept, conditions scaled to unit variance, and a ridge penalty of 1,
     which is small if there are more rows than conditions and prevents an exact fit if there are
     fewer.
+
+    Returns:
+        The residuals, (n, d); those without a penalty, if there are more than twice as many rows as
+        coefficients; whether the latter's variance is clearly smaller, for the rows that it has.
     """
     rounding = 1e-12 * np.abs(z).max(axis=0)
     y, z = y - y.mean(axis=0), z - z.mean(axis=0)
@@ -268,5 +289,11 @@ def residuals(y: Array, z: Array) -> Array:
     z = z[:, varies] / spread[varies]
     n, k = z.shape
     if n <= k:
-        return np.linalg.solve(z @ z.T + np.eye(n), y)
-    return y - z @ np.linalg.solve(z.T @ z + np.eye(k), z.T @ y)
+        left = np.linalg.solve(z @ z.T + np.eye(n), y)
+        return left, left, False
+    left = y - z @ np.linalg.solve(z.T @ z + np.eye(k), z.T @ y)
+    if n <= 2 * (k + 1):
+        return left, left, False
+    plain = left - z @ np.linalg.lstsq(z, left)[0]
+    before, after = np.square(left).sum() / n, np.square(plain).sum() / (n - k - 1)
+    return left, plain, bool(after < UNBIASED * before)

@@ -8,6 +8,7 @@ any parameters. Weights directly from x may have any sign.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -26,6 +27,7 @@ from cotlearn.validation import check_count, check_inputs, check_number
 
 SMALLEST_ALPHA = 1e-2  #: with less, nearly flat regions are inverted at t = 1: the loss explodes
 AT_THE_START = 0.1  #: size of the network's part relative to the Gaussian part before training
+LARGE = 60.0  #: values of x1 from which a start at Gaussians may miss them
 START: dict[str, Any] = {"steps": 500, "batch_size": 256, "learning_rate": 1e-2}  #: of a PICNN
 
 
@@ -317,7 +319,8 @@ class PICNN(_InputConvex):
 
         For quadratic potentials the dual of optimal transport needs no inversion: if x0 is standard
         normal and independent of c, E [ <x0, Q x0>/2 + <b, x0> + <x1 - b, Q^{-1} (x1 - b)>/2 ] is
-        smallest at b = m(c) and Q = S(c)^{1/2}. `fit` finds this minimum in a few hundred steps.
+        smallest at b = m(c) and Q = S(c)^{1/2}. `fit` finds this minimum in a few hundred steps,
+        for data near unit scale: of values beyond 60 it warns (RuntimeWarning).
 
         Args:
             x1: (n, d) data.
@@ -327,6 +330,13 @@ class PICNN(_InputConvex):
             This potential, changed in place.
         """
         check_inputs(self, x1, c, "x1")
+        if (largest := float(x1.detach().abs().max())) > LARGE:
+            warnings.warn(
+                f"x1 has values up to {largest:.3g}, too far from 0 for these steps: give (x1 - "
+                "mean) / deviation, and scale back what the potential makes",
+                RuntimeWarning,
+                stacklevel=2,
+            )
         data, generator = Dataset(x1, c.to(x1.dtype)), torch.Generator().manual_seed(0)
         batches = Batches(_fresh_pairs(data, START["batch_size"], generator))
         trained = fit(self, data, batches, loss=_gaussian_dual, ema=0.0, progress=False, **START)

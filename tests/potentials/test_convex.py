@@ -127,6 +127,8 @@ def test_picnn_starts_at_the_gaussian_map_of_each_condition(c):
 def test_picnn_start_is_reproducible(monkeypatch):
     monkeypatch.setitem(START, "steps", 50)
     x1, c = torch.randn(100, 2), torch.rand(100, 1)
+    with pytest.warns(RuntimeWarning, match="x1 has values up to .* too far from 0"):
+        PICNN(2, 1, seed=0).start_at_gaussian(300 * x1, c)
     first, second = (PICNN(2, 1, seed=0).start_at_gaussian(x1, c) for _ in range(2))
     assert same_weights(first, second)
 

@@ -111,3 +111,11 @@ def test_another_solver_agrees(model):
     reached = configuration.get_transform_frame_to_world("tip", "site").translation()
     assert np.abs(reached - target).max() < 1e-4
     assert np.abs(forward(configuration.q[None]).tip[0] - reached).max() < 1e-9
+
+
+def test_the_error_of_a_target_out_of_reach_is_its_distance():
+    targets = np.array([[10.0, 0.0, 0.3], [0.0, 0.0, 2.0], [0.5, 0.0, 0.3]])
+    found = solve(targets)
+    away = np.linalg.norm(forward(found.joints).tip - targets, axis=1)
+    assert np.abs(found.error - away).max() < 1e-9
+    assert found.reached.tolist() == [False, False, True]

@@ -240,6 +240,32 @@ def test_lerobot_sets_that_do_not_fit(episodes, tmp_path, change, message):
         read(path)
 
 
+def test_a_flipped_bit_of_a_parquet_file_with_checksums(episodes, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path = write_lerobot(tmp_path / "set", episodes)
+    file = path / "data" / "chunk-000" / "file-000.parquet"
+    plain = {"write_page_checksum": True, "compression": "none", "use_dictionary": False}
+    parquet.write_table(parquet.read_table(file), file, **plain)
+    read(path)
+    content = bytearray(file.read_bytes())
+    content[len(content) // 3] ^= 64
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match="is damaged"):
+        read(path)
+
+
+def test_a_lost_chunk_of_a_replay_buffer_is_said(episodes, tmp_path):
+    path = write_replay(tmp_path / "pusht.zarr", episodes)
+    zarr = pytest.importorskip("zarr")
+    data = zarr.open_group(path, mode="r+")["data"]
+    action = data["action"][:]
+    data.create_array("action", data=action, chunks=(8, 2), overwrite=True)
+    read(path)
+    (path / "data" / "action" / "1.0").unlink()
+    with pytest.warns(UserWarning, match=r"1 of \d+ chunks of data/action are not stored"):
+        read(path)
+
+
 def test_damaged_parquet(episodes, tmp_path):
     pytest.importorskip("pyarrow")
     path = write_lerobot(tmp_path / "set", episodes)

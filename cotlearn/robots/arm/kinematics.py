@@ -106,7 +106,8 @@ class Solution:
     Attributes:
         joints: (n, 7), joint angles within their limits; the last iterate if out of reach.
         error: (n,), distance of the tip from the target, metres.
-        tilt: (n,), sine of the angle between the tool and straight down.
+        tilt: (n,), sine of the angle between the tool and straight down; of a tool that points up,
+            2 less the sine.
         reached: (n,), whether error and tilt are within `TOLERANCE` and `TILT`.
     """
 
@@ -138,7 +139,7 @@ def solve(targets: Array, start: Array | None = None) -> Solution:
     else:
         q = check_array(start, "start", (len(targets), JOINTS)).copy()
     # of targets farther away than this only the direction counts
-    targets = np.clip(targets, LOW - 1.0, HIGH + 1.0)
+    given, targets = targets, np.clip(targets, LOW - 1.0, HIGH + 1.0)
     error, tilt = np.empty(len(q)), np.empty(len(q))
     rows = np.arange(len(q))
     limit = 100 if start is None else 20
@@ -158,6 +159,7 @@ def solve(targets: Array, start: Array | None = None) -> Solution:
         if len(rows) == 0:
             break
         q[rows] = np.clip(q[rows] + step, LOWER, UPPER)
+    error = np.linalg.norm(given - targets + (targets - _chain(q).tip), axis=1)
     return Solution(q, error, tilt, (error <= TOLERANCE) & (tilt <= TILT))
 
 

@@ -88,7 +88,7 @@ def read_frames(path: str | Path) -> tuple[dict[str, NDArray[Any]], NDArray[np.i
         raise ValueError(f"{path} holds no data/**/*.parquet: it is no LeRobot data set")
     parquet = need("pyarrow.parquet")
     with reading(path, "holds a file that is not a parquet file"):
-        frames = parquet.ParquetDataset(files)
+        frames = parquet.ParquetDataset(files, page_checksum_verification=True)
         names = frames.schema.names
     lists = [*([name for name in OBSERVATIONS if name in names] or [STATE]), ACTION]
     if missing := [name for name in (*lists, EPISODE, FRAME) if name not in names]:

@@ -1,5 +1,6 @@
 """Diffusion Policy's replay buffers: a zarr group with data/ and meta/episode_ends."""
 
+import warnings
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -39,6 +40,8 @@ def read_buffer(path: str | Path, states: Sequence[str] = ("data/state",)) -> tu
         ModuleNotFoundError: zarr is not installed.
         ValueError: the file is damaged, something is missing, or an array does not hold numbers or
             has a codec that is not in `CODECS`.
+
+    Warns (UserWarning) of chunks that are not stored, which zarr reads as its fill value.
     """
     path, zarr = Path(path), need("zarr")
     if path.is_file() and not zipfile.is_zipfile(path):
@@ -87,7 +90,14 @@ def _numbers(path: Path, group: Any, name: str) -> np.ndarray[Any, Any]:
             f"the codecs that are: {known}"
         )
     with reading(path, "no zarr group"):
-        return np.asarray(array[:])
+        values, missing = np.asarray(array[:]), array.nchunks - array.nchunks_initialized
+    if missing:
+        warnings.warn(
+            f"{path}: {missing} of {array.nchunks} chunks of {name} are not stored, and read as "
+            f"rows of {array.fill_value}: were they lost?",
+            stacklevel=4,
+        )
+    return values
 
 
 def _codecs(metadata: Any) -> Iterator[str]:
