@@ -27,6 +27,7 @@ ROWS_AT_ONCE = 4096  #: rows whose distances to the centroids are held in memory
 SOME = 0.05  #: share of the rows of the fit that lie farther from the clusters than is usual
 BEYOND = 3.0  #: times the usual distance, beyond which as large a share gets a warning
 SHRUNK, ENOUGH = 0.02, 32  #: part of its deviation in the fit that a column has, of so many rows
+FAR_OFF = 1e3  #: deviations that the mean of a column lies from 0, from which it is taken off
 LONG = 2e7  #: rows times clusters from which k-means takes more than some seconds, and says so
 
 
@@ -284,8 +285,11 @@ class PCAKMeansCondition(Clusters):
         validation.check_count(self.components, "components", most=most, of="{} for this c")
         from sklearn.decomposition import PCA  # late: it takes a second
 
-        pca = PCA(self.components, random_state=self.seed).fit(to_numpy(pixels))
-        fitted = {"mean": pca.mean_, "basis": pca.components_}
+        values = to_numpy(pixels)
+        mean, spread = values.mean(axis=0), values.std(axis=0)
+        mean[np.abs(mean) < FAR_OFF * spread] = 0.0  # PCA loses the digits of a larger one
+        pca = PCA(self.components, random_state=self.seed).fit(values - mean)
+        fitted = {"mean": mean + pca.mean_, "basis": pca.components_}
         return {name: torch.from_numpy(value).to(c) for name, value in fitted.items()}
 
     def project(self, c: Tensor) -> Tensor:

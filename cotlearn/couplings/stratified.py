@@ -60,9 +60,9 @@ class StratifiedOT(Coupling):
             `PCAKMeansCondition` or `EmbeddedClusters`, which stays as it is if it comes fitted; or
             None, for one cluster per distinct condition.
         residual: pair x0 with the residuals of a linear regression of x1 on c in the cluster. Where
-            x1 depends linearly on c inside a cluster, x0 then hardly does, and paths are
-            straightened as much; a cluster needs more than twice as many rows as c has columns.
-            This changes which rows are paired, not x1 itself.
+            x1 depends linearly on c inside a cluster, x0 then hardly does (c explains a few per
+            cent of it at most), and paths are straightened as much; a cluster needs more than twice
+            as many rows as c has columns. This changes which rows are paired, not x1 itself.
         rows_per_solve: larger clusters are cut at random into parts of at most this many rows, from
             2 to 4,096.
         n_samples: rows of an epoch that are drawn anew each time, for endless data.
@@ -261,17 +261,17 @@ def _permuted(groups: Array, x0: Array, x1: Array) -> Array:
 def _residuals(y: Array, z: Array, groups: list[Array]) -> Array:
     """Residuals (N, d) of one linear regression of y (N, d) on z (N, k) for each group of rows.
 
-    Where x1 is all but linear in c, most of a residual would be what the penalty of the regression
-    leaves, which depends on c. If that is so in most rows, there is no penalty.
+    Where a column of y is all but linear in z, the penalty of the regression leaves a good part of
+    its residuals, which depends on z. If that is so in most rows, the column has no penalty.
     """
-    left, plain, biased = np.empty_like(y), np.empty_like(y), 0
+    left, plain, biased = np.empty_like(y), np.empty_like(y), np.zeros(y.shape[1])
     for rows in groups:
-        left[rows], plain[rows], mostly = residuals(y[rows], z[rows])
-        biased += len(rows) if mostly else 0
-    return plain if biased > len(y) / 2 else left
+        left[rows], plain[rows], columns = residuals(y[rows], z[rows])
+        biased += len(rows) * columns
+    return np.where(biased > len(y) / 2, plain, left)
 
 
-def residuals(y: Array, z: Array) -> tuple[Array, Array, bool]:
+def residuals(y: Array, z: Array) -> tuple[Array, Array, Array]:
     """Residuals of a linear regression of values y (n, d) on conditions z (n, k).
 
     The regression has an intercept, conditions scaled to unit variance, and a ridge penalty of 1,
@@ -280,7 +280,7 @@ def residuals(y: Array, z: Array) -> tuple[Array, Array, bool]:
 
     Returns:
         The residuals, (n, d); those without a penalty, if there are more than twice as many rows as
-        coefficients; whether the latter's variance is clearly smaller, for the rows that it has.
+        coefficients; the columns, (d,), in which their variance is clearly smaller.
     """
     rounding = 1e-12 * np.abs(z).max(axis=0)
     y, z = y - y.mean(axis=0), z - z.mean(axis=0)
@@ -288,12 +288,13 @@ def residuals(y: Array, z: Array) -> tuple[Array, Array, bool]:
     varies = spread > rounding
     z = z[:, varies] / spread[varies]
     n, k = z.shape
+    none = np.zeros(y.shape[1], bool)
     if n <= k:
         left = np.linalg.solve(z @ z.T + np.eye(n), y)
-        return left, left, False
+        return left, left, none
     left = y - z @ np.linalg.solve(z.T @ z + np.eye(k), z.T @ y)
     if n <= 2 * (k + 1):
-        return left, left, False
+        return left, left, none
     plain = left - z @ np.linalg.lstsq(z, left)[0]
-    before, after = np.square(left).sum() / n, np.square(plain).sum() / (n - k - 1)
-    return left, plain, bool(after < UNBIASED * before)
+    before, after = (np.square(some).sum(axis=0) for some in (left, plain))
+    return left, plain, after / (n - k - 1) < UNBIASED * before / n

@@ -190,6 +190,14 @@ test_bad_input = refused(
 )
 
 
+def test_components_far_from_0():
+    c = torch.randn(300, 6, generator=seeded()).double() * torch.tensor([5.0, 3, 2, 1, 0.5, 0.2])
+    near, far = (
+        PCAKMeansCondition(components=3, clusters=5).fit(c + at).project(c + at) for at in (0, 1e9)
+    )
+    assert torch.allclose(near.var(dim=0), far.var(dim=0), rtol=1e-4)
+
+
 def test_clusters_of_pixels_are_the_same_under_autocast():
     c = torch.randn(500, 64, generator=seeded())
     fitted = PCAKMeansCondition(components=8, clusters=40).fit(c)

@@ -292,11 +292,14 @@ def test_residuals_leave_less_dependence_and_straighten_as_much():
     assert left[1] > plain[1]
 
 
+@pytest.mark.parametrize("copied", [1, 2])
 @pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-3])
-def test_residuals_of_data_that_are_all_but_linear_do_not_tell_the_condition(noise):
+def test_residuals_of_data_that_are_all_but_linear_do_not_tell_the_condition(noise, copied):
     c = torch.randn(512, 2, generator=seeded(1))
     slopes = torch.tensor([[1.0, 0.3], [-0.2, 2.0]])
-    data = Dataset(c @ slopes + noise * torch.randn(512, 2, generator=seeded(2)), c)
+    x1 = c @ slopes + noise * torch.randn(512, 2, generator=seeded(2))
+    x1[:, copied:] = torch.randn(512, 2 - copied, generator=seeded(3))
+    data = Dataset(x1, c)
     batches = take(StratifiedOT(1, residual=True), data, 40, batch_size=256)
     x0, c = joined(batches, "x0"), joined(batches, "c")
     assert np.abs(np.corrcoef(x0.T, c.T)[:2, 2:]).max() < 0.06  # a penalty leaves above .5
