@@ -100,7 +100,8 @@ def fit(
 
     Raises:
         TypeError: network, data or coupling is of another kind.
-        ValueError: an option is out of range, or the checkpoint is damaged or of another training.
+        ValueError: an option is out of range, the coupling has too few batches, or the checkpoint
+            is damaged or of another training.
         RuntimeError: the loss is no longer finite.
         KeyboardInterrupt: Ctrl-C was pressed; the checkpoint has been written.
     """
@@ -153,7 +154,9 @@ def fit(
             started = time.perf_counter()
             for part in observers:
                 part.observe(state.averaged, state.step)
-            pairs = next(batches)
+            if (pairs := next(batches, None)) is None:
+                ended = f"the stream of {type(coupling).__name__} ended after {state.step} batches"
+                raise ValueError(f"{ended}, and steps is {steps}")
             if state.step == first:
                 validation.check_inputs(network, pairs.x1, pairs.c, "x1")
                 bar.unpause()  # what the coupling prepared first does not count for a step

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
-from support import refused, same_weights, seeded
+from support import refused, same_weights, seeded, take
 from torch import nn
 
 from cotlearn.couplings import (
@@ -23,6 +23,7 @@ from cotlearn.couplings import (
     ModelAligned,
     StratifiedOT,
 )
+from cotlearn.couplings.base import Batches
 from cotlearn.datasets import Dataset, unconditional
 from cotlearn.flows import (
     FlowMatching,
@@ -623,6 +624,12 @@ test_bad_input = refused(
     ({"source": lambda n, generator=None: torch.zeros(n, 3)}, ValueError, r"source\(n\) must"),
     of=train,
 )
+
+
+def test_batches_that_end_before_the_training():
+    few = Batches(iter(take(Independent(), petals(), 3)))
+    with pytest.raises(ValueError, match="stream of Batches ended after 3 batches, and steps is 5"):
+        fit(network(), petals(), few, steps=5, batch_size=20, progress=False)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
