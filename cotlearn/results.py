@@ -140,6 +140,8 @@ class Table:
             if self.path.exists():  # another process may have added cells
                 stored, self.rows = self._stored()
                 self.about["cpu_seconds"] = stored["cpu_seconds"]
+            if self.holds(key):  # it has computed this one, too
+                return
             self.rows = [*self.rows, *rows]
             self.about["cpu_seconds"] = round(self.about["cpu_seconds"] + cpu_seconds, 1)
             self.write()
@@ -205,7 +207,7 @@ def _words(row: Values) -> dict[str, str]:
 
 
 def _reads_as_number(word: str) -> bool:
-    if word.lower() in ("true", "false", "inf", "-inf", "+inf", "infinity"):
+    if word.lower().lstrip("+-") in ("true", "false", "inf", "infinity"):
         return True
     try:
         return math.isfinite(float(word))

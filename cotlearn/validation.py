@@ -432,16 +432,19 @@ def check_draws_nothing(network: Any, name: str, what_happens: str) -> None:
     """
     parts = itertools.chain.from_iterable(part.modules() for part in networks_in(network))
     kinds = nn.modules.dropout._DropoutNd, nn.modules.batchnorm._BatchNorm
-    if any(isinstance(part, kinds) and part.training for part in parts):
+    drawing = (part for part in parts if isinstance(part, kinds) and part.training)
+    if any(getattr(part, "p", 1.0) > 0 for part in drawing):
         raise ValueError(
             f"{name} must be in eval mode: by dropout or batch normalisation {what_happens}"
         )
 
 
-def networks_in(function: Any) -> Iterator[nn.Module]:
+def networks_in(function: Any, seen: tuple[Any, ...] = ()) -> Iterator[nn.Module]:
     """The network that a function is, whose method it is, or that it holds if it is of cotlearn."""
     if isinstance(function, nn.Module):
         yield function
+        return
+    if isinstance(function, type) or any(function is other for other in seen):
         return
     held = [getattr(function, "__self__", None)]
     if isinstance(function, functools.partial):
@@ -451,7 +454,7 @@ def networks_in(function: Any) -> Iterator[nn.Module]:
         held += [*getattr(function, "__dict__", {}).values(), *(c.cell_contents for c in cells)]
     for part in held:
         if callable(part):
-            yield from networks_in(part)
+            yield from networks_in(part, (*seen, function))
 
 
 def check_seeds(values: Any, name: str = "seeds") -> list[int]:
@@ -462,7 +465,11 @@ def check_seeds(values: Any, name: str = "seeds") -> list[int]:
 
 
 def check_generator(value: Any, name: str = "generator") -> None:
-    """Raise TypeError unless `value` is torch's generator of random numbers, or None."""
+    """Raise TypeError unless `value` is torch's generator of random numbers, or None.
+
+    Raises:
+        RuntimeError: new tensors hold no numbers, see `check_default_device`.
+    """
     if value is not None and not isinstance(value, torch.Generator):
         raise TypeError(f"{name} must be a torch.Generator or None, got {short(value)}")
     check_default_device()

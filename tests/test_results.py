@@ -123,6 +123,13 @@ def test_two_tables_on_one_file_lose_nothing(table):
     assert table().frame()["n"].tolist() == [1, 2]
 
 
+def test_a_cell_that_two_tables_computed_is_kept_once(table):
+    one, other = table(), table()
+    for each in (one, other):
+        each.keep({"n": 1}, {"value": 3}, 0.1, 0.1)
+    assert len(table().rows) == 1
+
+
 def test_versions_are_those_of_what_was_used():
     assert {"python", "torch", "POT"} <= set(machine("POT")["versions"])
 

@@ -561,7 +561,7 @@ def _check_rows(value: Any, name: str, rows: int) -> Tensor:
 def _check_worker(begun_in: Any) -> None:
     """Raise RuntimeError in a DataLoader's worker that got a stream which another process began."""
     worker = get_worker_info()
-    if worker and worker is not begun_in:
+    if worker and worker is not begun_in and worker.num_workers > 1:
         raise RuntimeError(
             "this stream was begun before the DataLoader's workers, which would all yield the same "
             "batches: call stream(...) in each worker, in the data set's __iter__"

@@ -333,3 +333,14 @@ def test_a_network_that_trains_is_not_sampled(sample):
     sample(Dropping().eval())
     with pytest.raises(ValueError, match="must be in eval mode"):
         sample(Dropping().train())
+
+
+def test_a_network_without_anything_to_drop_is_sampled():
+    net = Dropping().train()
+    net.drop.p = 0.0
+    assert torch.equal(integrate(net, X0, C, nfe=2).x1, integrate(net.eval(), X0, C, nfe=2).x1)
+
+
+def test_a_class_in_the_place_of_a_network():
+    with pytest.raises(TypeError, match="VelocityMLP"):  # it was searched without end
+        integrate(VelocityMLP, X0, C, nfe=2)

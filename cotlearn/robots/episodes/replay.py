@@ -94,7 +94,7 @@ def _numbers(path: Path, group: Any, name: str) -> np.ndarray[Any, Any]:
     if missing > 0:  # parts of a shard at the edge count as stored
         warnings.warn(
             f"{path}: {missing} of {array.nchunks} chunks of {name} are not stored, and read as "
-            f"rows of {array.fill_value}: were they lost?",
+            f"rows of {array.fill_value}: they held nothing else, or were lost",
             stacklevel=4,
         )
     return values
