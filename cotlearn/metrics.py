@@ -179,7 +179,7 @@ def straightness(
 
     0 means that the paths are straight and one Euler step is exact. The paths are those of 64 Euler
     steps, and so are their velocities: of a field that changes much within one step the value is
-    rough (3 to 5 % off on the course's mixtures).
+    rough (up to 5 % off on the mixtures of the course).
 
     Args:
         velocity: the velocity field.

@@ -126,7 +126,7 @@ class Table:
 
         Raises:
             ValueError: a value is no number, word or truth value, or not finite; a word reads as a
-                number; numbers have no axis; or a name is in the key.
+                number; numbers have no axis; a name is in the key, or occurs twice.
         """
         first = key | dict.fromkeys(self.axes)
         last = {"seconds": seconds, "cpu_seconds": cpu_seconds}
@@ -174,9 +174,11 @@ def _melted(values: Values, axes: Sequence[str]) -> list[Values]:
         row = (
             rows.setdefault(numbers, dict(zip(axes, numbers, strict=False))) if numbers else shared
         )
-        if name in row:
-            raise ValueError(f"compute must not return {name!r} twice, as a name and as two")
+        if name in row or (name in axes and numbers):
+            raise ValueError(f"compute must not return {name!r} twice")
         row[name] = value
+    if twice := {name for row in rows.values() for name in row if name in shared}:
+        raise ValueError(f"compute must not return {min(twice)!r} twice")
     return [row | shared for row in rows.values()] or [shared]
 
 

@@ -224,8 +224,9 @@ def check_squares(**values: Tensor) -> None:
         if wrong.any():
             column = int(wrong.nonzero()[0, 0])
             raise ValueError(
-                f"{' and '.join(values)} must have values between {SMALLEST_SQUARED:g} and "
-                f"{LARGEST_SQUARED:g}, whose squares float64 holds; {name} has values up to "
+                f"{' and '.join(values)} must have columns of 0 or of sizes from "
+                f"{SMALLEST_SQUARED:g} to {LARGEST_SQUARED:g}, whose squares float64 holds; {name} "
+                f"has values up to "
                 f"{float(size[column]):.3g} in column {column}: divide by their scale"
             )
 

@@ -97,6 +97,7 @@ def test_a_cell_may_have_several_rows(table):
         ("012e3", "value must not be a word that reads as a number; got '012e3'"),
         ("inf", "value must not be a word that reads as a number; got 'inf'"),
         ({"": 1, " ": {}} | {"a": {"b": 1}, "a_b": 2}, "must not return 'value_a_b' twice"),
+        ({"b": {1: 0.5}}, "axis must name what the numbers in value_b are"),
         ({1: 0.5, 16: 0.1}, "axis must name what the numbers in value are"),
     ],
 )
@@ -113,6 +114,14 @@ def test_a_damaged_table_is_named(table, tmp_path, damage):
     file.write_text(damage(file.read_text()))
     with pytest.raises(ValueError, match=r"table\.csv is damaged: delete it to make it again"):
         table()
+
+
+@pytest.mark.parametrize(
+    "values", [{"nfe": {1: 0.5}}, {"a": {1: {"b": 1}}, "a_b": 2}, {"a": {1: 0.5}, "nfe": 3}]
+)
+def test_a_name_does_not_occur_twice(table, values):
+    with pytest.raises(ValueError, match=r"must not return '(nfe|a_b)' twice"):
+        table(axis="nfe").fill([{"n": 1}], lambda key: values)
 
 
 def test_two_tables_on_one_file_lose_nothing(table):

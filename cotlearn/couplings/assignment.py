@@ -30,19 +30,16 @@ SMALL_BATCH = 64  #: rows up to which SciPy alone is faster
 EASY = 0.75  #: share of rows with a cheapest column of their own, above which SciPy is as fast
 SHARP = 1e-7  #: rounding errors of the costs, as a share of the lowest costs' distances
 BLUNT = 1e-3  #: the same, above which no solver is exact
-KEYS = 3  #: rows of a cost by which equal columns are found
 SINKHORN_STEPS, SINKHORN_ERROR = 1000, 1e-6  #: most steps; tolerance of the marginals
 MARGINALS_OFF = 0.05  #: share by which a marginal of a plan may miss 1/B without a warning
 UNDERFLOW = 100.0  #: exponent above which Sinkhorn needs logarithms: exp(-1000) is 0
 
 
-def exact_permutation(cost: Array, *, ties: np.random.Generator | None = None) -> Index:
+def exact_permutation(cost: Array) -> Index:
     """The permutation p that minimises sum_i cost[i, p[i]].
 
     Args:
         cost: (B, B), finite.
-        ties: deals equal columns to their rows at random, where solvers do it in their order: of a
-            batch that is sorted by the condition, noise would then depend on it. None: does not.
 
     Returns:
         (B,), the column of each row.
@@ -53,12 +50,6 @@ def exact_permutation(cost: Array, *, ties: np.random.Generator | None = None) -
     Warns (RuntimeWarning) if some costs are so large that rounding hides the others.
     """
     cost = _check_cost(cost)
-    found = _solved(cost)
-    return found if ties is None else _dealt(cost, ties)[found]
-
-
-def _solved(cost: Array) -> Index:
-    """The permutation, by the solver that suits the cost."""
     if len(cost) > SMALL_BATCH:
         least, spread, near, easy = survey(cost)
         if 1e-30 < spread < 1e30 and easy < EASY * len(cost):  # single precision holds the scale
@@ -68,24 +59,6 @@ def _solved(cost: Array) -> Index:
                 if found is not None:
                     return found
     return _by_scipy(cost)
-
-
-def _dealt(cost: Array, rng: np.random.Generator) -> Index:
-    """A permutation of the columns (B,) that moves columns among their equals only, at random.
-
-    It draws from a generator of its own, so that what follows does not depend on ties.
-    """
-    n, some, first = len(cost), cost[:KEYS], np.sort(cost[0])
-    if not (first[1:] == first[:-1]).any():
-        return np.arange(n)
-    order = np.lexsort(some)
-    alike = (some[:, order[1:]] == some[:, order[:-1]]).all(axis=0)
-    maybe = np.flatnonzero(alike)
-    alike[maybe] = (cost[:, order[maybe + 1]] == cost[:, order[maybe]]).all(axis=0)
-    group = np.concatenate([[0], np.cumsum(~alike)])
-    dealt = np.empty(n, np.int64)
-    dealt[order] = order[np.lexsort((rng.spawn(1)[0].random(n), group))]
-    return dealt
 
 
 def _by_scipy(cost: Array) -> Index:
@@ -190,6 +163,15 @@ def _scaled_kernel(kernel: Array) -> Array:
             break
     plan: Array = u[:, None] * kernel * v
     return plan
+
+
+def shuffled(rows: int, rng: np.random.Generator) -> Index:
+    """An order (B,) in which to give data to a solver, drawn without a change of `rng`.
+
+    Solvers deal equal columns, and those that differ by rounding, by their places. Of a batch that
+    is sorted by the condition, noise would then depend on it.
+    """
+    return rng.spawn(1)[0].permutation(rows)
 
 
 def draw_pairs(plan: Array, n: int, rng: np.random.Generator) -> tuple[Index, Index]:

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from cotlearn import validation
-from cotlearn.couplings.assignment import exact_permutation
+from cotlearn.couplings.assignment import exact_permutation, shuffled
 from cotlearn.couplings.base import Array, Coupling, Index, Match, Traits, is_ours, lent
 from cotlearn.couplings.distances import (
     centred_products,
@@ -118,20 +118,24 @@ class ConditionalOT(Coupling):
         self._check_options()
         seen = self._seen_of(c)
         noise_condition_index = rng.permutation(len(x0))  # c0 = c[noise_condition_index]
+        order = np.arange(len(x0))
+        if self.condition_weight in (0, math.inf):  # where costs of rows with unlike c can be equal
+            order = shuffled(len(x0), rng)
+        x1, seen = (value[torch.from_numpy(order)] for value in (x1, seen))
+        own = np.argsort(order)[noise_condition_index]  # c0 among the shuffled
         if self.condition_weight == math.inf:
             cost = pairing_cost(x0, x1)
-            source, target = _within_classes(cost, seen, noise_condition_index, rng)
+            source, target = _within_classes(cost, seen, own, rng)
         else:
             source = np.arange(len(x0))
             validation.check_squares(c=seen)
             if self.condition_weight and self.condition_weight != "scaled":
                 warn_if_one_column_rules(seen)
-            cost = self._joint_cost(x0, x1, seen, noise_condition_index)
-            target = exact_permutation(cost, ties=rng)
+            target = exact_permutation(self._joint_cost(x0, x1, seen, own))
             if self.condition_weight in ConditionalOT.rules:  # a target ratio leaves more
-                warn_if_unheeded(seen[noise_condition_index], seen[target])
+                warn_if_unheeded(seen[own], seen[target])
         labels = noise_condition_index[source] if self.label == "source" else None
-        return Match(source, target, labels)
+        return Match(source, order[target], labels)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Any = None) -> float:
         """Rows whose condition cost is at most the mean sample cost."""
@@ -221,8 +225,7 @@ def _within_classes(
         rows = np.flatnonzero(label[noise_condition_index] == k)
         columns = np.flatnonzero(label == k)
         sources.append(rows)
-        cost = sample_cost[np.ix_(rows, columns)]
-        targets.append(columns[exact_permutation(cost, ties=rng)])
+        targets.append(columns[exact_permutation(sample_cost[np.ix_(rows, columns)])])
     order = rng.permutation(len(c))  # so that batches cut from these pairs mix the classes
     return np.concatenate(sources)[order], np.concatenate(targets)[order]
 

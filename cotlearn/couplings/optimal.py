@@ -3,10 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from torch import Tensor
 
-from cotlearn.couplings.assignment import draw_pairs, exact_permutation, sinkhorn_plan
-from cotlearn.couplings.base import Coupling, Match, Traits
+from cotlearn.couplings.assignment import (
+    draw_pairs,
+    exact_permutation,
+    shuffled,
+    sinkhorn_plan,
+)
+from cotlearn.couplings.base import Array, Coupling, Match, Traits
 from cotlearn.couplings.distances import pairing_cost, squared_distances
 from cotlearn.validation import check_choice, check_positive
 
@@ -48,16 +54,18 @@ class MinibatchOT(Coupling):
     def match(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """Pair the batch by its plan."""
         self._check_options()
-        rows = np.arange(len(x0))
-        if self.plan == "sinkhorn":
-            plan = sinkhorn_plan(squared_distances(x0, x1), regularization=self.regularization)
-            if self.sampling == "replacement":
-                return Match(*draw_pairs(plan, len(rows), rng))
-            return Match(rows, exact_permutation(-plan, ties=rng))
-        columns = exact_permutation(pairing_cost(x0, x1), ties=rng)
+        if self.plan == "sinkhorn" and self.sampling == "replacement":
+            return Match(*draw_pairs(self._entropic(x0, x1), len(x0), rng))
+        rows, order = np.arange(len(x0)), shuffled(len(x0), rng)
+        some = x1[torch.from_numpy(order)]
+        cost = pairing_cost(x0, some) if self.plan == "exact" else -self._entropic(x0, some)
+        columns = order[exact_permutation(cost)]
         if self.sampling == "replacement":  # the plan is uniform over the pairs (i, columns[i])
             rows = rng.integers(len(rows), size=len(rows))
         return Match(rows, columns[rows])
+
+    def _entropic(self, x0: Tensor, x1: Tensor) -> Array:
+        return sinkhorn_plan(squared_distances(x0, x1), regularization=self.regularization)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
         """All rows of the batch."""

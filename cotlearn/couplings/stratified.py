@@ -38,7 +38,7 @@ MANY = 128  #: rows from which it is said that conditions have few rows each
 FEW = 8  #: rows of a condition on average, below which it is said
 TINY = 4  #: rows up to which all permutations are tried, of all such clusters at once
 UNBIASED = 0.9  #: of the variance of residuals: with less, the rest is left by a penalty
-ROUNDED = 8  #: rounding errors of x1, up to which residuals are nothing else
+ROUNDED = 2  #: rounding errors of x1, up to which residuals are nothing else
 LARGEST_SOLVE = 4096  #: most rows of an assignment, which then takes seconds and 0.3 GB
 
 
@@ -205,7 +205,7 @@ class StratifiedOT(Coupling):
         values, conditions = to_numpy(x1), to_numpy(c)
         groups = _groups(np.arange(len(c)), numbers)
         left = _residuals(values, conditions, groups)
-        rounding = torch.finfo(x1.dtype).eps * np.abs(values).max(axis=0)
+        rounding = torch.finfo(x1.dtype).eps * np.sqrt(np.square(values).mean(axis=0))
         left[:, np.sqrt(np.square(left).mean(axis=0)) <= ROUNDED * rounding] = 0.0
         return numbers, torch.from_numpy(left).to(x1)
 

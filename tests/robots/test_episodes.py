@@ -123,6 +123,10 @@ def write_replay(path, episodes, zarr_format=2):
     return path
 
 
+def data_of(path):
+    return pytest.importorskip("zarr").open_group(path, mode="r+")["data"]
+
+
 @pytest.mark.parametrize("zarr_format", [2, 3])
 def test_diffusion_policys_layout(episodes, tmp_path, zarr_format):
     path = write_replay(tmp_path / "pusht.zarr", episodes, zarr_format)
@@ -148,8 +152,7 @@ def test_a_replay_buffer_without_states(episodes, tmp_path):
 
 def test_a_replay_buffer_of_no_task(episodes, tmp_path):
     path = write_replay(tmp_path / "pusht.zarr", episodes)
-    zarr = pytest.importorskip("zarr")
-    data = zarr.open_group(path, mode="r+")["data"]
+    data = data_of(path)
     data.create_array("state", data=episodes.state[:, :4], overwrite=True)
     with pytest.raises(ValueError, match=r"which is no task's; .* push-t 5 and 2"):
         read(path)
@@ -256,10 +259,8 @@ def test_a_flipped_bit_of_a_parquet_file_with_checksums(episodes, tmp_path):
 
 def test_a_lost_chunk_of_a_replay_buffer_is_said(episodes, tmp_path):
     path = write_replay(tmp_path / "pusht.zarr", episodes)
-    zarr = pytest.importorskip("zarr")
-    data = zarr.open_group(path, mode="r+")["data"]
-    action = data["action"][:]
-    data.create_array("action", data=action, chunks=(8, 2), overwrite=True)
+    data = data_of(path)
+    data.create_array("action", data=data["action"][:], chunks=(8, 2), overwrite=True)
     read(path)
     (path / "data" / "action" / "1.0").unlink()
     with pytest.warns(UserWarning, match=r"1 of \d+ chunks of data/action are not stored"):
