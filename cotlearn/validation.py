@@ -226,8 +226,8 @@ def check_squares(**values: Tensor) -> None:
             raise ValueError(
                 f"{' and '.join(values)} must have columns of 0 or of sizes from "
                 f"{SMALLEST_SQUARED:g} to {LARGEST_SQUARED:g}, whose squares float64 holds; {name} "
-                f"has values up to "
-                f"{float(size[column]):.3g} in column {column}: divide by their scale"
+                f"has values up to {float(size[column]):.3g} in column {column}: divide by their "
+                "scale"
             )
 
 
