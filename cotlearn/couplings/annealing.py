@@ -1,17 +1,15 @@
 """Nearly optimal dual potentials of an assignment, by a few Sinkhorn steps in single precision.
 
 Numba compiles these loops when they are first called, as in `augmenting.py`, which makes the
-assignment exact. Partitions and standard deviations stay in NumPy, which is as fast there: Numba
-takes many seconds to compile them.
+assignment exact.
 """
 
 import math
-from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cotlearn.couplings.compiled import compiled
+from cotlearn.couplings.compiled import at_rank, compiled
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -29,7 +27,6 @@ SMALL = np.float32(1e-5)  #: an entry below this is 0 after its fifth power
 ZERO, ONE = np.float32(0), np.float32(1)
 
 
-@np.errstate(over="ignore")  # of costs near the largest number, which `assignment.py` leaves out
 def survey(cost: Array) -> tuple[Array, float, float, int]:
     """Measure what decides how to solve: least costs, two scales, and how many rows are easy.
 
@@ -41,19 +38,36 @@ def survey(cost: Array) -> tuple[Array, float, float, int]:
         (mean - least cost) / `FAR`; the median over sampled rows of the first decile less the
         minimum; the number of columns that are the cheapest of some row in cost_ij - least_j.
     """
-    n = len(cost)
     least, taken = _cheapest(cost)
-    some = cost[:: max(1, n // 32)]
-    spread = max(float(some.std()), float(some.mean() - least.min()) / FAR)
+    mean, deviation = _moments(cost[:: max(1, len(cost) // 32)])
+    spread = max(deviation, (mean - float(least.min())) / FAR)
     return least, spread, nearness(cost), taken
 
 
+@compiled()
 def nearness(cost: Array) -> float:
     """How far the lowest costs (B, B) of a row lie apart: its first decile less its minimum."""
     n = len(cost)
-    few = np.partition(cost[:: max(1, n // 8)], (0, n // 10), axis=1)
-    tenths = few[:, n // 10] - few[:, 0]
-    return median(tenths.tolist())
+    some = cost[:: max(1, n // 8)]
+    tenths = np.empty(len(some))
+    for i in range(len(some)):
+        tenths[i] = at_rank(some[i], n // 10) - at_rank(some[i], 0)
+    middle = len(some) // 2
+    return (at_rank(tenths, middle) + at_rank(tenths, len(some) - 1 - middle)) / 2
+
+
+@compiled(fastmath={"reassoc", "nsz"})
+def _moments(some: Array) -> tuple[float, float]:
+    """The mean and the standard deviation of (n, m)."""
+    total, squares = 0.0, 0.0
+    for i in range(len(some)):
+        for j in range(some.shape[1]):
+            total += some[i, j]
+    mean = total / some.size
+    for i in range(len(some)):
+        for j in range(some.shape[1]):
+            squares += (some[i, j] - mean) ** 2
+    return mean, math.sqrt(squares / some.size)
 
 
 @compiled(fastmath={"nnan", "nsz"})

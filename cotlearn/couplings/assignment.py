@@ -21,6 +21,8 @@ from scipy.optimize import linear_sum_assignment
 
 from cotlearn.couplings.annealing import nearness, potentials, survey
 from cotlearn.couplings.augmenting import assign
+from cotlearn.couplings.compiled import compiled
+from cotlearn.couplings.distances import EPS
 from cotlearn.validation import check_number
 
 Array = NDArray[np.float64]
@@ -80,7 +82,7 @@ def _has_copies(cost: Array) -> bool:
     """Whether most rows find their lowest costs equal but for rounding: data rows are repeated."""
     lowest = np.partition(cost, (0, len(cost) // 10), axis=1)
     low, next_ones = lowest[:, 0], lowest[:, len(cost) // 10]
-    rounding = 16 * np.finfo(np.float64).eps * np.abs(next_ones)
+    rounding = 16 * EPS * np.abs(next_ones)
     return bool((next_ones - low <= rounding).mean() >= 0.5)
 
 
@@ -98,8 +100,7 @@ def _reduced(cost: Array) -> Array:
 
 def _rounding(*values: Array) -> float:
     """The rounding error of sums of these numbers."""
-    largest = max(max(float(some.max()), -float(some.min())) for some in values)
-    return float(np.finfo(np.float64).eps) * largest
+    return EPS * max(max(float(some.max()), -float(some.min())) for some in values)
 
 
 def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
@@ -191,6 +192,16 @@ def _check_cost(cost: Array) -> Array:
     cost = np.ascontiguousarray(cost, dtype=np.float64)
     if cost.ndim != 2 or cost.shape[0] != cost.shape[1] or cost.size == 0:
         raise ValueError(f"cost must be a non-empty square matrix, got shape {cost.shape}")
-    if not (np.isfinite(cost.min()) and np.isfinite(cost.max())):
+    if not _is_finite(cost):
         raise ValueError("cost has NaN or infinite values")
     return cost
+
+
+@compiled(fastmath={"reassoc", "nsz"})
+def _is_finite(values: Array) -> bool:
+    """Whether all numbers are finite: 0 times infinity is NaN."""
+    total = 0.0
+    for i in range(len(values)):
+        for j in range(values.shape[1]):
+            total += 0.0 * values[i, j]
+    return total == 0

@@ -16,7 +16,7 @@ import heapq
 import numpy as np
 from numpy.typing import NDArray
 
-from cotlearn.couplings.compiled import compiled
+from cotlearn.couplings.compiled import at_rank, compiled
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -38,13 +38,20 @@ def assign(cost: Array, rows: Array, columns: Array) -> Index | None:
         of no use make the paths long: ordinary costs need fewer than 7 scans for each row, small
         integers half of B.
     """
-    n = len(cost)
-    some = slice(None, None, max(1, n // 16))
-    reduced = (cost[some] - rows[some, None] - columns).ravel()
-    rank = max(16, n // 32) * reduced.size // n
-    # the threshold: about 16 columns of a row lie below it, more in large batches
-    found: Index = _assign(cost, rows, columns, float(np.partition(reduced, rank)[rank]))
+    found: Index = _assign(cost, rows, columns, _threshold(cost, rows, columns))
     return found if found[-1] >= 0 else None
+
+
+@compiled()
+def _threshold(cost: Array, rows: Array, columns: Array) -> float:
+    """A reduced cost that about 16 columns of a row have at most, more in large batches."""
+    n = len(cost)
+    some = np.arange(0, n, max(1, n // 16))
+    reduced = np.empty((len(some), n))
+    for k in range(len(some)):
+        for j in range(n):
+            reduced[k, j] = cost[some[k], j] - rows[some[k]] - columns[j]
+    return at_rank(reduced.ravel(), max(16, n // 32) * reduced.size // n)
 
 
 @compiled()

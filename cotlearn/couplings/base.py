@@ -307,7 +307,6 @@ class Coupling(WithOptions):
             if not places:
                 continue
             validation.check_default_device()
-            _check_worker(worker)
             if own._last_turn() is not turn:
                 raise RuntimeError(
                     f"another stream has prepared this {type(self).__name__} for its own data: "
@@ -324,7 +323,9 @@ class Coupling(WithOptions):
                 shuffle = generator_for(seed, number, Purpose.ORDER)
                 pairs = pairs.map(itemgetter(torch.randperm(len(pairs), generator=shuffle)))
             for k in places:
-                yield pairs.map(itemgetter(slice(k * batch_size, (k + 1) * batch_size)))
+                _check_worker(worker)
+                part = slice(k * batch_size, (k + 1) * batch_size)
+                yield pairs if len(pairs) == batch_size else pairs.map(itemgetter(part))
 
     def prepare(self, data: Any, source: Source | None, generator: Generator) -> None:
         """Fit clusters or potentials to the data before the first batch of a stream."""
@@ -548,14 +549,14 @@ def draw_rows(data: Sampler, n: int, generator: Generator | None) -> tuple[Tenso
 
 def _check_rows(value: Any, name: str, rows: int) -> Tensor:
     """Return what `match` gave for `name` as row numbers (rows,)."""
-    index = value if isinstance(value, Tensor) else torch.as_tensor(np.array(value))
-    whole = not (index.is_floating_point() or index.is_complex() or index.dtype == torch.bool)
-    if not whole or index.shape != (rows,) or not 0 <= int(index.min()) <= int(index.max()) < rows:
-        got = f"{index.dtype} of shape {tuple(index.shape)}"
-        if whole and index.numel():
-            got += f" from {int(index.min())} to {int(index.max())}"
+    index = np.array(value.cpu() if isinstance(value, Tensor) else value)
+    whole = index.dtype.kind in "iu"
+    if not whole or index.shape != (rows,) or not 0 <= index.min() <= index.max() < rows:
+        got = f"{index.dtype} of shape {index.shape}"
+        if whole and index.size:
+            got += f" from {index.min()} to {index.max()}"
         raise ValueError(f"match must give {name} as {rows} rows from 0 to {rows - 1}, got {got}")
-    return index.to(torch.long)
+    return torch.from_numpy(index.astype(np.int64, copy=False))
 
 
 def _check_worker(begun_in: Any) -> None:

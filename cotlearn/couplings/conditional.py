@@ -22,9 +22,11 @@ from cotlearn.couplings.distances import (
     near_rows,
     pairing_cost,
     squared_distances,
+    to_numpy,
+    weigh,
 )
 from cotlearn.couplings.unheeded import warn_if_one_column_rules, warn_if_unheeded
-from cotlearn.couplings.units import OwnUnits
+from cotlearn.couplings.units import in_own_units
 
 FEW = 16  #: rows below which all labels of a batch may differ by chance
 
@@ -118,28 +120,29 @@ class ConditionalOT(Coupling):
         self._check_options()
         seen = self._seen_of(c)
         noise_condition_index = rng.permutation(len(x0))  # c0 = c[noise_condition_index]
-        order = np.arange(len(x0))
+        order, own = np.arange(len(x0)), noise_condition_index
         if self.condition_weight in (0, math.inf):  # where costs of rows with unlike c can be equal
             order = shuffled(len(x0), rng)
-        x1, seen = (value[torch.from_numpy(order)] for value in (x1, seen))
-        own = np.argsort(order)[noise_condition_index]  # c0 among the shuffled
+            x1, seen = x1[torch.from_numpy(order)], seen[order]
+            own = np.argsort(order)[own]  # c0 among the shuffled
         if self.condition_weight == math.inf:
             cost = pairing_cost(x0, x1)
-            source, target = _within_classes(cost, seen, own, rng)
+            source, target = _within_classes(cost, torch.from_numpy(seen), own, rng)
         else:
             source = np.arange(len(x0))
-            validation.check_squares(c=seen)
+            if self.condition is not None or self.condition_weight != "scaled":
+                validation.check_squares(c=torch.from_numpy(seen))
             if self.condition_weight and self.condition_weight != "scaled":
-                warn_if_one_column_rules(seen)
+                warn_if_one_column_rules(torch.from_numpy(seen))
             target = exact_permutation(self._joint_cost(x0, x1, seen, own))
             if self.condition_weight in ConditionalOT.rules:  # a target ratio leaves more
-                warn_if_unheeded(seen[own], seen[target])
+                warn_if_unheeded(seen, own, target)
         labels = noise_condition_index[source] if self.label == "source" else None
         return Match(source, order[target], labels)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Any = None) -> float:
         """Rows whose condition cost is at most the mean sample cost."""
-        seen = self._seen_of(c)
+        seen = self._seen_of(validation.check_condition(c))
         cost, sample_cost = squared_distances(seen, seen), squared_distances(x0, x1)
         if self.condition_weight == math.inf:
             return float((cost == 0).sum(axis=1).mean())
@@ -173,35 +176,33 @@ class ConditionalOT(Coupling):
         weight = self.weight(*costs, noise_condition_index.copy())
         return validation.check_number(weight, "weight(...)")
 
-    def _seen_of(self, c: Tensor) -> Tensor:
+    def _seen_of(self, c: Tensor) -> Array:
         """The conditions in the cost, (B, m)."""
         if self.condition is None:
-            return OwnUnits.fit(c)(c) if self.condition_weight == "scaled" else c
+            return in_own_units(c) if self.condition_weight == "scaled" else to_numpy(c)
         name, seen = "condition(c)", self.condition(*lent(validation.check_condition(c)))
         seen = validation.check_condition(seen, name)
         validation.check_same_rows(seen, name, c, "c")
-        return seen
+        return to_numpy(seen)
 
-    def _joint_cost(self, x0: Tensor, x1: Tensor, c: Tensor, noise_condition_index: Index) -> Array:
+    def _joint_cost(self, x0: Tensor, x1: Tensor, c: Array, noise_condition_index: Index) -> Array:
         """|x0_i - x1_j|^2 + w C(c0_i, c_j), shape (B, B), with c0 = c[noise_condition_index]."""
+        noise, data = to_numpy(x0), to_numpy(x1)
         with np.errstate(over="ignore"):
             if isinstance(self.condition_weight, str):
-                sample_cost = squared_distances(x0, x1)
-                cost = squared_distances(c[torch.from_numpy(noise_condition_index)], c)
+                sample_cost = squared_distances(noise, data)
+                cost = squared_distances(c[noise_condition_index], c)
                 weight = self._checked_weight(sample_cost, cost, noise_condition_index)
-                cost *= weight
-                if hides(sample_cost, x0, x1):
-                    sample_cost = centred_products(x0, x1)
-                cost += sample_cost
-                mean = float(abs(sample_cost).mean())
+                if hides(sample_cost, noise, data):
+                    sample_cost = centred_products(noise, data)
+                mean = weigh(cost, weight, sample_cost)
             else:  # the distance of the rows with sqrt(w) c appended: one matrix instead of three
                 weight = self.condition_weight
-                noise, data, c = (value.detach().cpu().double() for value in (x0, x1, c))
                 heavy = math.sqrt(weight) * c
-                joint = torch.cat([noise, heavy[noise_condition_index]], dim=1)
-                cost = pairing_cost(joint, torch.cat([data, heavy], dim=1))
-                centre = data.mean(dim=0)
-                mean = sum(float((x - centre).square().sum()) for x in (noise, data)) / len(data)
+                joint = np.hstack([noise, heavy[noise_condition_index]])
+                cost = pairing_cost(joint, np.hstack([data, heavy]))
+                centre = data.mean(axis=0)
+                mean = sum(float(np.square(x - centre).sum()) for x in (noise, data)) / len(data)
         largest = float(cost.max())
         if not math.isfinite(largest):
             raise ValueError(f"condition_weight {weight:.3g} makes costs infinite: use math.inf")

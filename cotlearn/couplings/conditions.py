@@ -335,7 +335,14 @@ class EmbeddedClusters(Clusters):
         if len(c) > self.rows:
             rng = torch.Generator().manual_seed(self.seed)
             c = c[torch.randperm(len(c), generator=rng)[: self.rows].to(c.device)]
-        self.inner = copy.copy(self.inner).fit(self._embedded(c))
+        features = self._embedded(c)
+        if bool((features == features[0]).all()) and bool((c != c[0]).any()):
+            warnings.warn(
+                "embed(c) is the same for all conditions, which fall into one cluster: noise is "
+                "paired across them",
+                stacklevel=3,
+            )
+        self.inner = copy.copy(self.inner).fit(features)
         return self
 
     def project(self, c: Tensor) -> Tensor:

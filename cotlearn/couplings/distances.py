@@ -10,6 +10,7 @@ from torch import Tensor
 from cotlearn.couplings.compiled import compiled
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 EPS = float(np.finfo(np.float64).eps)
 MANY_DIMENSIONS = 12  #: columns from which a matrix product computes distances faster
@@ -17,9 +18,16 @@ HIDDEN = 1e-9  #: rounding errors of distances, as a share of what decides a pla
 LOST_DIGITS = 1e-6  #: share of the largest |a|^2 + |b|^2 below which the product loses digits
 
 
-def to_numpy(value: Tensor) -> Array:
-    """A tensor as a float64 array on the CPU; shares memory if it is one already."""
-    return value.detach().to("cpu", torch.float64).resolve_neg().numpy()
+def to_numpy(value: Tensor | Array) -> Array:
+    """A tensor as a contiguous float64 array on the CPU; shares memory if it is one already.
+
+    An array comes back as it is, so that a batch is converted once.
+    """
+    if isinstance(value, np.ndarray):
+        return value
+    if value.dtype not in (torch.float32, torch.float64):  # such as bfloat16, which NumPy has not
+        value = value.to("cpu", torch.float64)
+    return np.asarray(value.numpy(force=True), np.float64, order="C")
 
 
 def distances(first: Tensor, second: Tensor) -> Tensor:
@@ -27,7 +35,7 @@ def distances(first: Tensor, second: Tensor) -> Tensor:
     return torch.cdist(first, second, compute_mode="donot_use_mm_for_euclid_dist")
 
 
-def squared_distances(first: Tensor, second: Tensor) -> Array:
+def squared_distances(first: Tensor | Array, second: Tensor | Array) -> Array:
     """|a_i - b_j|^2 for all rows, float64, shape (len(first), len(second)).
 
     From 12 dimensions on, one matrix product of (-2a, |a|^2, 1) and (b, 1, |b|^2) is faster.
@@ -54,23 +62,25 @@ def squared_distances(first: Tensor, second: Tensor) -> Array:
     return summed
 
 
-def pairing_cost(first: Tensor, second: Tensor) -> Array:
+def pairing_cost(first: Tensor | Array, second: Tensor | Array) -> Array:
     """A cost (n, n) with the exact plans of |a_i - b_j|^2: that, or one without its constants.
 
     |a_i|^2 and |b_j|^2 change no plan, but where they are large, as of data far from 0, rounding
     hides the rest: -2 (a_i - E a) (b_j - E b).
     """
+    first, second = to_numpy(first), to_numpy(second)
     cost = squared_distances(first, second)
     return centred_products(first, second) if hides(cost, first, second) else cost
 
 
-def hides(cost: Array, first: Tensor, second: Tensor) -> bool:
+def hides(cost: Array, first: Tensor | Array, second: Tensor | Array) -> bool:
     """Whether rounding of squared distances hides what decides their plans."""
-    scale = math.prod(math.sqrt(variances(to_numpy(x)).max()) for x in (first, second))
+    a, b = variances(to_numpy(first)), variances(to_numpy(second))
+    scale = math.sqrt(a.max()) * math.sqrt(b.max())
     return bool(EPS * cost.max() > HIDDEN * scale > 0)
 
 
-def centred_products(first: Tensor, second: Tensor) -> Array:
+def centred_products(first: Tensor | Array, second: Tensor | Array) -> Array:
     """-2 (a_i - E a) (b_j - E b), whose exact plans are those of squared distances."""
     a, b = to_numpy(first), to_numpy(second)
     products: Array = -2 * (a - a.mean(axis=0)) @ (b - b.mean(axis=0)).T
@@ -107,6 +117,32 @@ def variances(values: Array) -> Array:
             apart = values[i, j] - mean[j]
             found[j] += apart * apart
     return found / n
+
+
+@compiled(fastmath={"reassoc", "nsz"})
+def weigh(condition_cost: Array, weight: float, sample_cost: Array) -> float:
+    """Make w C + S of C, in place, and return the mean of |S|."""
+    total = 0.0
+    for i in range(len(condition_cost)):
+        for j in range(condition_cost.shape[1]):
+            condition_cost[i, j] = weight * condition_cost[i, j] + sample_cost[i, j]
+            total += abs(sample_cost[i, j])
+    return total / sample_cost.size
+
+
+@compiled()
+def heeded(c: Array, noise_row: Index, data_row: Index) -> Array:
+    """The squared difference of paired rows of c (n, k), as a share of that of random pairs, (k,).
+
+    Of a constant column it is 0.
+    """
+    spread, shares = variances(c), np.zeros(c.shape[1])
+    for j in range(c.shape[1]):
+        for i in range(len(noise_row)):
+            shares[j] += (c[noise_row[i], j] - c[data_row[i], j]) ** 2
+        if spread[j] > 0:
+            shares[j] /= 2 * spread[j] * len(noise_row)
+    return shares
 
 
 @compiled(fastmath={"reassoc", "nsz"})

@@ -38,6 +38,7 @@ MANY = 128  #: rows from which it is said that conditions have few rows each
 FEW = 8  #: rows of a condition on average, below which it is said
 TINY = 4  #: rows up to which all permutations are tried, of all such clusters at once
 UNBIASED = 0.9  #: of the variance of residuals: with less, the rest is left by a penalty
+EXPLAINED, CERTAIN = 0.05, 4.0  #: share of the noise's variance, and deviations, for a warning
 ROUNDED = 2  #: rounding errors of x1, up to which residuals are nothing else
 LARGEST_SOLVE = 4096  #: most rows of an assignment, which then takes seconds and 0.3 GB
 
@@ -60,9 +61,11 @@ class StratifiedOT(Coupling):
             `PCAKMeansCondition` or `EmbeddedClusters`, which stays as it is if it comes fitted; or
             None, for one cluster per distinct condition.
         residual: pair x0 with the residuals of a linear regression of x1 on c in the cluster. Where
-            x1 depends linearly on c inside a cluster, x0 then hardly does (c explains a few per
-            cent of it at most), and paths are straightened as much; a cluster needs more than twice
-            as many rows as c has columns. This changes which rows are paired, not x1 itself.
+            x1 depends linearly on c inside a cluster, x0 then hardly does, and paths are
+            straightened as much; a cluster needs more than twice as many rows as c has columns. A
+            column of x1 with few values is paired as it is: the errors of slopes would sort equal
+            values by c. They do so within narrow modes, which the first epoch warns of. This
+            changes which rows are paired, not x1 itself.
         rows_per_solve: larger clusters are cut at random into parts of at most this many rows, from
             2 to 4,096.
         n_samples: rows of an epoch that are drawn anew each time, for endless data.
@@ -71,7 +74,8 @@ class StratifiedOT(Coupling):
         TypeError: the data are endless and n_samples is None, or there is no condition.
         ValueError: there are more clusters than rows, or rows_per_solve is out of range.
 
-    Warns (UserWarning) if k-means tells apart most columns of c, but hardly one of them.
+    Warns (UserWarning) if k-means tells apart most columns of c, but hardly one of them; with
+    residual, if in the first epoch c explains more than 5 % of a column of x0 inside the clusters.
     """
 
     clusters: Any = None  # int | Clusters | None
@@ -87,7 +91,9 @@ class StratifiedOT(Coupling):
         given = self.clusters
         if given is not None and (not isinstance(given, Clusters) or given.own):
             # `dataclasses.replace` passes the clusters of the coupling that this one replaces
-            self.clusters = KMeansCondition(getattr(given, "clusters", given))
+            self.clusters = KMeansCondition(
+                given.clusters if isinstance(given, Clusters) else given
+            )
             self.clusters.own = True
         if not isinstance(self.residual, bool):
             raise TypeError(f"residual must be True or False, got {self.residual!r}")
@@ -96,7 +102,7 @@ class StratifiedOT(Coupling):
         if self.n_samples is not None:
             check_count(self.n_samples, "n_samples")
         self._last = self._shown = Last()  # `candidates` reads the second
-        self._of_a_stream = self._warned = False
+        self._of_a_stream = self._warned = self._tested = False
         self._options = self.residual, repr(self.clusters)
 
     def _check_rows(self) -> None:
@@ -128,6 +134,10 @@ class StratifiedOT(Coupling):
         for same_size in tiny.values():
             groups = np.array(same_size)
             target[groups] = _permuted(groups, to_numpy(x0), to_numpy(paired))
+        if self.residual and not self._tested:
+            self._tested = True
+            clusters = _groups(np.arange(len(x0)), label[target])
+            _warn_if_explained(to_numpy(x0), to_numpy(c)[target], clusters)
         return Match(np.arange(len(x0)), target)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
@@ -152,7 +162,7 @@ class StratifiedOT(Coupling):
         """A copy that keeps its clusters, whatever other streams and calls need."""
         self.prepare(data, source, generator)
         own = copy.copy(self)
-        own._of_a_stream, own._last = True, Last()
+        own._of_a_stream, own._tested, own._last = True, False, Last()
         self._shown = own._last
         return own
 
@@ -207,6 +217,8 @@ class StratifiedOT(Coupling):
         left = _residuals(values, conditions, groups)
         rounding = torch.finfo(x1.dtype).eps * np.sqrt(np.square(values).mean(axis=0))
         left[:, np.sqrt(np.square(left).mean(axis=0)) <= ROUNDED * rounding] = 0.0
+        few = _take_few_values(values, conditions)
+        left[:, few] = values[:, few]
         return numbers, torch.from_numpy(left).to(x1)
 
     def _solves(self, label: Array, rng: np.random.Generator) -> Iterator[Array]:
@@ -256,6 +268,39 @@ def _permuted(groups: Array, x0: Array, x1: Array) -> Array:
     orders = np.array(list(itertools.permutations(range(groups.shape[1]))))
     gains = alike[:, np.arange(groups.shape[1]), orders].sum(axis=2)
     return np.take_along_axis(groups, orders[gains.argmax(axis=1)], axis=1)
+
+
+def _take_few_values(y: Array, z: Array) -> Array:
+    """Whether columns of y (N, d), (d,), repeat most values in rows with other z (N, k)."""
+    values = np.array([len(np.unique(column)) for column in y.T])
+    found = 2 * values < len(y)
+    for column in np.flatnonzero(found):  # rows that are equal as a whole do not count
+        different = np.unique(np.column_stack([y[:, column], z]), axis=0)
+        found[column] = 2 * values[column] < len(different)
+    return found
+
+
+def _warn_if_explained(noise: Array, c: Array, groups: list[Array]) -> None:
+    """Warn if a regression of noise (N, d) on its conditions (N, k) explains some, by group."""
+    before, after, free = np.zeros(noise.shape[1]), np.zeros(noise.shape[1]), 0
+    for rows in groups:
+        n, k = len(rows), c.shape[1]
+        if n > 2 * (k + 1):
+            _, left, _ = residuals(noise[rows], c[rows])
+            before += noise[rows].var(axis=0) * n
+            after += np.square(left).sum(axis=0) * (n - 1) / (n - k - 1)
+            free += k
+    if not free:
+        return
+    share, chance = 1 - after / before, CERTAIN * (2 * free) ** 0.5 / len(noise)
+    worst = int(share.argmax())
+    if share[worst] > EXPLAINED + chance:
+        warnings.warn(
+            f"c explains {share[worst]:.0%} of column {worst} of the noise inside the clusters, "
+            "although residual=True: x1 has narrow modes there, or clusters have too few rows; "
+            "compare it with residual=False by linear_skew",
+            stacklevel=6,
+        )
 
 
 def _residuals(y: Array, z: Array, groups: list[Array]) -> Array:

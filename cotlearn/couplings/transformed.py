@@ -26,6 +26,7 @@ from cotlearn.validation import check_condition, check_draws_nothing, check_func
 LARGE = 2048  #: rows from which transformed values are kept for the next epoch
 INVERSE = 1e-2  #: largest error of the inverse, as a share of the longest row
 LOOKED_AT = 256  #: rows by which a change of the transform is seen
+ROUNDING = 16  #: units in the last place of the largest number, up to which values count as equal
 UNCHANGED = 1e-4  #: largest difference of values that count as equal, as a share of the largest
 
 Transform = Callable[[Tensor, Tensor], Tensor]
@@ -39,7 +40,7 @@ class Transformed(Coupling):
     If x1 depends on c, a coupling can make x0 depend on c as well. A transform that removes part of
     the dependence of x1 on c reduces this prior skew. If forward(x1, c) does not depend on c at
     all, even naive OT keeps the prior, and each noise row has the whole batch as candidates instead
-    of the few rows with a near condition.
+    of the few rows with a near condition. Values that differ by rounding count as equal.
 
     - A frame. If the condition holds a direction, say of an object to push, the data rotate with
       it. Give the rotation into that frame and its inverse: noise is drawn and paired in the frame,
@@ -114,14 +115,21 @@ class Transformed(Coupling):
     def _seen(self, x1: Tensor, c: Tensor) -> Tensor:
         """Forward(x1, c); of a data set the last one, unless a few rows show that it changed."""
         if len(x1) < LARGE:
-            return self._apply("forward", x1, c)
+            return self._rounded(x1, c)
         some = slice(None, None, len(x1) // LOOKED_AT)
         now = self._apply("forward", x1[some], c[some])
-        seen: Tensor = self._last(lambda x1, c: self._apply("forward", x1, c), x1, c)
+        seen: Tensor = self._last(self._rounded, x1, c)
         if (now - seen[some]).abs().max() > UNCHANGED * now.abs().max():  # a mean that learns
             self._last = Last()
-            seen = self._last(lambda x1, c: self._apply("forward", x1, c), x1, c)
+            seen = self._last(self._rounded, x1, c)
         return seen
+
+    def _rounded(self, x1: Tensor, c: Tensor) -> Tensor:
+        """Forward(x1, c), where values that differ by rounding are equal."""
+        values = self._apply("forward", x1, c)
+        if self.inverse is None:
+            return without_rounding(values, x1)
+        return without_rounding(values, x1.norm(dim=1, keepdim=True).expand_as(values))
 
     def prepare(self, data: Any, source: Source | None, generator: torch.Generator) -> None:
         """Prepare the inner coupling."""
@@ -228,4 +236,17 @@ class Residual(WithOptions):
         check_like(spread, "spread(c)", x1[:, :1] if np.shape(spread)[1:] == (1,) else x1)
         if not (spread > 0).all():
             raise ValueError(f"spread must be positive, got {float(spread.min()):.3g}")
-        return residual / spread.to(x1)
+        return without_rounding(residual / spread.to(x1), x1 / spread.to(x1))
+
+
+def without_rounding(values: Tensor, computed_from: Tensor) -> Tensor:
+    """Values (n, d), where those of a column are equal that differ by rounding of larger numbers.
+
+    Rounding depends on the condition, and where other values are equal it alone would choose pairs.
+    """
+    in_order, order = values.detach().sort(dim=0)
+    largest = torch.maximum(computed_from.abs().amax(dim=0), values.abs().amax(dim=0))
+    apart = in_order.diff(dim=0) > ROUNDING * torch.finfo(values.dtype).eps * largest
+    place = torch.arange(1, len(values), device=values.device)[:, None]
+    first = torch.cat([torch.zeros_like(order[:1]), torch.where(apart, place, 0)]).cummax(dim=0)[0]
+    return torch.empty_like(in_order).scatter(0, order, in_order.gather(0, first))

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import warnings
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from cotlearn.couplings.distances import to_numpy, variances
+from cotlearn.couplings.distances import Array, Index, heeded
 
 NEARLY_ALL = 0.99  #: share of the condition cost of one column that causes a warning
 UNHEEDED = 0.05  #: squared difference in pairs, as a share of that in random pairs, that does so
@@ -41,7 +40,7 @@ def warn_if_one_column_rules(c: Tensor) -> None:
         )
 
 
-def warn_if_unheeded(noise: Tensor, data: Tensor) -> None:
+def warn_if_unheeded(c: Array, noise_row: Index, data_row: Index) -> None:
     """Warn if pairs do not heed a column of the condition.
 
     A rule that weighs the condition against the sample leaves pairs a thousandth of the squared
@@ -49,12 +48,11 @@ def warn_if_unheeded(noise: Tensor, data: Tensor) -> None:
     outweighed by the others, as a label by 64 copies of a sensor, which no unit can repair.
 
     Args:
-        noise: (B, k), the conditions of the noise, a permutation of those of the data.
-        data: (B, k), the conditions of the data, pair by pair.
+        c: (B, k), the conditions.
+        noise_row: (B,), the row of c of each noise row.
+        data_row: (B,), that of its partner.
     """
-    before, after = to_numpy(noise), to_numpy(data)
-    spread, apart = variances(after), before - after
-    share = np.einsum("ij,ij->j", apart, apart) / len(apart) / (2 * spread + (spread == 0))
+    share = heeded(c, noise_row, data_row)
     worst = int(share.argmax())
     if share[worst] > UNHEEDED:
         warnings.warn(

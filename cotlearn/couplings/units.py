@@ -8,6 +8,7 @@ then outweighs a label, and noise is skewed by the label without a word. So does
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from cotlearn.couplings.distances import Array, to_numpy
+from cotlearn.couplings.compiled import at_rank, compiled
+from cotlearn.couplings.distances import Array, Index, to_numpy
 from cotlearn.datasets import Rows, Standardiser
 from cotlearn.validation import check_condition
 
@@ -68,36 +70,15 @@ class OwnUnits:
     def fit(cls, c: Tensor) -> OwnUnits:
         """Measure the columns of c (n, k) on 1,024 pairs of rows, the same for equal n."""
         c = check_condition(c)
-        with np.errstate(over="ignore", invalid="ignore"):  # of numbers that no rule can pair by
-            return cls._measured(to_numpy(c), c.dtype)
-
-    @classmethod
-    def _measured(cls, values: Array, dtype: torch.dtype) -> OwnUnits:
-        """In NumPy: a batch is small, and each call of torch takes longer than its work."""
-        first, second = values[_pairs(len(values))]  # each (pairs, k)
-        reach, largest = np.ptp(values, axis=0), np.abs(values).max(axis=0)
-        eps = torch.finfo(dtype).eps
-        rounding = eps * np.where(reach <= NEAR * eps * largest, ROUNDING_NEAR, ROUNDING)
-        rounding[(values == np.rint(values)).all(axis=0)] = 0.0  # whole numbers are exact
-        unequal, size = np.abs(first - second), np.maximum(np.abs(first), np.abs(second))
-        differ = unequal > rounding * np.maximum(size, _median(size, size > 0))
-        usual = np.exp(_mean(np.log(np.where(differ, unequal, 1.0)), differ))
-        # if no pair met the few unequal rows
-        reach = np.where(reach > rounding * largest, reach, 0.0)
-        spread = np.where(differ.any(axis=0), usual, reach)
-        centre = _median(first, np.isfinite(first))
-        apart = _near(_scaled(first, centre, spread)) - _near(_scaled(second, centre, spread))
-        small = _lower(unequal, differ, OFTEN) < SMALL * spread
-        for column in np.flatnonzero(small):
-            small[column] = _holds_codes(first[:, column], spread[column])
-        several = np.flatnonzero(small | (np.sqrt(_mean(np.square(apart), differ)) > SEVERAL))
-        ranked = torch.from_numpy(several)
-        knots = _knots(torch.from_numpy(values)[:, ranked]) if len(several) else torch.zeros(0, 0)
+        values = to_numpy(c)
+        centre, spread, several = _measures(values, c.dtype)
+        ranked = torch.from_numpy(np.flatnonzero(several))
+        knots = _knots(torch.from_numpy(values)[:, ranked]) if len(ranked) else torch.zeros(0, 0)
         return cls(torch.from_numpy(centre), torch.from_numpy(spread), ranked, knots)
 
     def __call__(self, c: Tensor) -> Tensor:
         """The columns in units of their own, (n, k), float64; constant columns become 0."""
-        return self._with_ranks(c, torch.from_numpy(_near(self._spreads_away(c))).to(c.device))
+        return self._with_ranks(c, torch.from_numpy(self._spreads_away(c)).to(c.device))
 
     def tamed(self, c: Tensor) -> Tensor:
         """C (n, k) with far values drawn near, and ranks for columns of several scales.
@@ -109,15 +90,15 @@ class OwnUnits:
         far = np.abs(z) > FAR
         if not (far.any() or len(self.ranked)):
             return c
-        drawn = torch.from_numpy(self.centre.numpy() + self.spread.numpy() * _drawn(z))
+        drawn = torch.from_numpy(self.centre.numpy() + self.spread.numpy() * z)
         near = torch.where(torch.from_numpy(far).to(c.device), drawn.to(c), c)
         return self._with_ranks(c, near)
 
     def _spreads_away(self, c: Tensor) -> Array:
-        """The columns of c (n, k), in spreads from their median."""
+        """The columns of c (n, k), in spreads from their median, with far values drawn near."""
         if c.shape[-1] != len(self.centre):
             raise ValueError(f"c has {c.shape[-1]} columns, expected {len(self.centre)}")
-        return _scaled(to_numpy(c), self.centre.numpy(), self.spread.numpy())
+        return _all_near(to_numpy(c), self.centre.numpy(), self.spread.numpy())
 
     def _with_ranks(self, c: Tensor, near: Tensor) -> Tensor:
         """`near` with twice the mid-ranks of c in the columns of several scales."""
@@ -158,21 +139,28 @@ class TamedStandardiser:
         return scaled if isinstance(c, Tensor) else scaled.numpy()
 
 
+def in_own_units(c: Tensor) -> Array:
+    """`OwnUnits.fit(c)(c)` of a checked batch, as an array, with fewer calls."""
+    values = to_numpy(c)
+    centre, spread, several = _measures(values, c.dtype)
+    if several.any():
+        return to_numpy(OwnUnits.fit(c)(c))
+    near: Array = _all_near(values, centre, spread)
+    return near
+
+
 def tamed(c: Tensor) -> Tensor:
     """C (n, k) with far values drawn near, and several scales ranked; see `OwnUnits.tamed`."""
     return OwnUnits.fit(c).tamed(c)
 
 
-@np.errstate(over="ignore", invalid="ignore")
-def _scaled(values: Array, centre: Array, spread: Array) -> Array:
-    """Values (n, k) in spreads from the centre; 0 where there is no spread."""
-    scaled: Array = (values - centre) / np.where(spread > 0, spread, np.inf)
-    return scaled
-
-
-def _mean(values: Array, counted: Mask) -> Array:
-    """The mean of the counted values (n, k) of each column, (k,); 0 if none is counted."""
-    return np.where(counted, values, 0.0).sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
+def _measures(values: Array, dtype: torch.dtype) -> tuple[Array, Array, Mask]:
+    """Of each column of (n, k): centre, spread, and whether it has several scales."""
+    first, second = _pairs(len(values))
+    centre, spread, coded, several = _measured(values, first, second, torch.finfo(dtype).eps)
+    for column in np.flatnonzero(coded):
+        several[column] |= _holds_codes(values[first, column], spread[column])
+    return centre, spread, several
 
 
 def _holds_codes(values: Array, spread: float) -> bool:
@@ -184,42 +172,89 @@ def _holds_codes(values: Array, spread: float) -> bool:
     return bool(coded and np.diff(middle).max() > GAP * spread)
 
 
-def _median(values: Array, counted: Mask) -> Array:
-    """The lower median of the counted values (n, k) of each column, (k,); 0 if none is counted."""
-    return _lower(values, counted, 0.5)
-
-
-def _lower(values: Array, counted: Mask, share: float) -> Array:
-    """The lower quantile of the counted values (n, k) of each column, (k,); 0 if none is."""
-    if counted.all():
-        place = int((len(values) - 1) * share)
-        return np.partition(values, place, axis=0)[place]
-    count = counted.sum(axis=0)
-    in_order = np.sort(np.where(counted, values, np.inf), axis=0)
-    places = (np.maximum(count - 1, 0) * share).astype(int)
-    return np.where(count > 0, in_order[places, np.arange(len(count))], 0.0)
-
-
 def _knots(values: Tensor) -> Tensor:
     """At most 4,096 values of each column of (n, r), sorted and evenly spaced in rank, (r, m)."""
     places = torch.linspace(0, len(values) - 1, min(len(values), KNOTS)).round().long()
     return values.T.sort(dim=1).values[:, places].contiguous()
 
 
-def _near(z: Array) -> Array:
-    """The same, with far values drawn near."""
-    far = np.abs(z) > FAR
-    return np.where(far, _drawn(z), z) if far.any() else z
-
-
-def _drawn(z: Array) -> Array:
-    """What values far from 0 are drawn to."""
-    return np.sign(z) * (FAR + np.log(np.maximum(np.abs(z), FAR) / FAR))
-
-
 @functools.lru_cache(maxsize=16)
-def _pairs(rows: int) -> NDArray[np.int64]:
+def _pairs(rows: int) -> Index:
     """Random pairs of different rows, (2, 1024)."""
     rng = np.random.default_rng(0)
     first = rng.integers(rows, size=PAIRS)
     return np.stack([first, (first + rng.integers(1, max(2, rows), size=PAIRS)) % rows])
+
+
+@compiled()
+def _measured(
+    values: Array, first: Index, second: Index, eps: float
+) -> tuple[Array, Array, Mask, Mask]:
+    """Of each column of (n, k): centre, spread, whether it may hold codes, or has several scales.
+
+    Differences are those of the pairs of rows `first` and `second`. Compiled, because a batch is
+    small, and each call of NumPy takes longer than its work.
+    """
+    rows, pairs, k = len(values), len(first), values.shape[1]
+    centre, spread = np.zeros(k), np.zeros(k)
+    coded, several = np.zeros(k, np.bool_), np.zeros(k, np.bool_)
+    one, size, unequal = np.empty(pairs), np.empty(pairs), np.empty(pairs)
+    for j in range(k):
+        low, high, whole = values[0, j], values[0, j], True
+        for i in range(rows):
+            low, high = min(low, values[i, j]), max(high, values[i, j])
+            whole &= values[i, j] == np.rint(values[i, j])
+        reach, largest = high - low, max(abs(low), abs(high))
+        rounding = eps * (ROUNDING_NEAR if reach <= NEAR * eps * largest else ROUNDING)
+        if whole:  # whole numbers are exact
+            rounding = 0.0
+        positive = 0
+        for i in range(pairs):
+            one[i] = values[first[i], j]
+            larger = max(abs(one[i]), abs(values[second[i], j]))
+            if larger > 0:
+                size[positive] = larger
+                positive += 1
+        usual, differ, logarithms, squares = _lower(size[:positive], 0.5), 0, 0.0, 0.0
+        for i in range(pairs):
+            a, b = values[first[i], j], values[second[i], j]
+            if abs(a - b) > rounding * max(abs(a), abs(b), usual):
+                unequal[differ] = abs(a - b)
+                logarithms += math.log(unequal[differ])
+                differ += 1
+        centre[j] = _lower(one, 0.5)
+        if differ:
+            spread[j] = math.exp(logarithms / differ)
+        elif reach > rounding * largest:  # no pair met the few unequal rows
+            spread[j] = reach
+        coded[j] = _lower(unequal[:differ], OFTEN) < SMALL * spread[j]
+        for i in range(pairs):
+            a, b = values[first[i], j], values[second[i], j]
+            if abs(a - b) > rounding * max(abs(a), abs(b), usual):
+                apart = _near(a, centre[j], spread[j]) - _near(b, centre[j], spread[j])
+                squares += apart * apart
+        several[j] = math.sqrt(squares / max(1, differ)) > SEVERAL
+    return centre, spread, coded, several
+
+
+@compiled()
+def _lower(values: Array, share: float) -> float:
+    """The lower quantile of (n,); 0 if there are no values."""
+    return at_rank(values, int((len(values) - 1) * share)) if len(values) else 0.0
+
+
+@compiled()
+def _near(value: float, centre: float, spread: float) -> float:
+    """A value in spreads from the centre, drawn near if it is far; 0 if there is no spread."""
+    z = (value - centre) / spread if spread > 0 else 0.0
+    return z if abs(z) <= FAR else math.copysign(FAR + math.log(abs(z) / FAR), z)
+
+
+@compiled()
+def _all_near(values: Array, centre: Array, spread: Array) -> Array:
+    """Values (n, k) in spreads from the centres (k,), with far ones drawn near."""
+    near = np.empty(values.shape)
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            near[i, j] = _near(values[i, j], centre[j], spread[j])
+    return near

@@ -6,12 +6,13 @@ import warnings
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 from numba.core.caching import CompileResultCacheImpl, IndexDataCacheFile
 
 import cotlearn
 from cotlearn.couplings import compiled as module
-from cotlearn.couplings.compiled import compiled
+from cotlearn.couplings.compiled import at_rank, compiled
 
 
 def test_without_a_folder_for_the_code_loops_are_compiled_anew(monkeypatch):
@@ -105,3 +106,20 @@ def test_damaged_code_is_compiled_anew_and_kept_whole(loops, tmp_path, monkeypat
 def test_all_loops_are_compiled_that_way():
     sources = Path(cotlearn.__file__).parent.rglob("*.py")
     assert {path.name for path in sources if "njit" in path.read_text()} == {"compiled.py"}
+
+
+@pytest.mark.parametrize("values", [np.zeros(7), np.arange(9.0) % 3, np.array([5.0])])
+def test_a_rank_is_that_of_the_sorted_values(values):
+    random = np.random.default_rng(0).normal(size=(3, 40))
+    for some in (values, -values, *random, np.array([np.inf, 1.0, -np.inf])):
+        ranked = [at_rank(some, place) for place in range(len(some))]
+        assert ranked == sorted(some)
+
+
+def test_a_change_of_this_file_compiles_anew(loops, monkeypatch):
+    """Loops of other files call `at_rank`, which is part of their code."""
+    loops().sixfold(3.0)
+    monkeypatch.setattr(module, "__file__", __file__)
+    changed = loops()
+    assert changed.sixfold(3.0) == 18.0
+    assert not changed.sixfold.stats.cache_hits

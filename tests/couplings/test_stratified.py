@@ -305,6 +305,61 @@ def test_residuals_of_data_that_are_all_but_linear_do_not_tell_the_condition(noi
     assert np.abs(np.corrcoef(x0.T, c.T)[:2, 2:]).max() < 0.06  # a penalty leaves above .5
 
 
+def switch(rows=2048, width=0.0):
+    """Two modes at -1 and 1, and a condition that tells nothing of them."""
+    mode = 2.0 * torch.randint(2, (rows, 1), generator=seeded(1)) - 1
+    values = mode + width * torch.randn(rows, 1, generator=seeded(2))
+    return Dataset(values, torch.randn(rows, 1, generator=seeded(3)))
+
+
+def explained_of(coupling, data):
+    """The share of the noise's variance that lines in c explain inside the clusters."""
+    pairs = next(coupling.stream(data, batch_size=len(data), generator=seeded(4)))
+    label = KMeansCondition(coupling.clusters.clusters).fit(data.c).labels(pairs.c).numpy()
+    x0, c = (value.numpy().astype(float)[:, 0] for value in (pairs.x0, pairs.c))
+    left = total = 0.0
+    for cluster in np.flatnonzero(np.bincount(label) > 8):
+        noise, z = x0[label == cluster], c[label == cluster]
+        left += np.square(noise - np.polyval(np.polyfit(z, noise, 1), z)).sum()
+        total += len(noise) * noise.var()
+    return 1 - left / total
+
+
+def test_a_switch_is_not_sorted_by_the_condition():
+    """The errors of slopes, about 0, sorted equal values: c explained a quarter of the noise."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert explained_of(StratifiedOT(16, residual=True), switch()) < 0.03
+
+
+def test_values_repeated_with_their_condition_keep_their_residuals():
+    data = following(1000)
+    twice = Dataset(data.x1.repeat(3, 1), data.c.repeat(3, 1))
+    found = stratified._take_few_values(twice.x1.numpy(), twice.c.numpy())
+    assert not found.any()
+    levels = Dataset(twice.x1.round(), twice.c)
+    assert stratified._take_few_values(levels.x1.numpy(), levels.c.numpy()).all()
+
+
+def test_narrow_modes_that_are_sorted_by_the_condition_are_said():
+    coupling = StratifiedOT(32, residual=True)
+    with pytest.warns(UserWarning, match=r"c explains 1\d% of column 0 .* although residual=True"):
+        assert explained_of(coupling, switch(width=0.05)) > 0.08
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert explained_of(coupling, switch(width=1.0)) < 0.04
+
+
+def test_a_class_in_the_place_of_clusters_is_no_number():
+    refused(lambda: StratifiedOT(KMeansCondition), TypeError, "clusters must be")
+
+
+def test_an_embedding_that_collapsed_is_said():
+    clusters = EmbeddedClusters(torch.zeros_like, KMeansCondition(1))
+    with pytest.warns(UserWarning, match="the same for all conditions"):
+        clusters.fit(torch.randn(40, 2))
+
+
 def test_residuals_do_not_depend_on_the_units_of_the_condition():
     """Below a deviation of 1e-12 they were those of no regression."""
     data = following(400)

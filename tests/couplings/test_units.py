@@ -11,7 +11,7 @@ from support import refused, seeded
 from cotlearn import couplings
 from cotlearn.couplings import ConditionalOT, KMeansCondition, OwnUnits, StratifiedOT, combine
 from cotlearn.couplings.base import Pairs
-from cotlearn.couplings.units import TamedStandardiser
+from cotlearn.couplings.units import TamedStandardiser, in_own_units
 from cotlearn.datasets import Dataset, Standardiser
 from cotlearn.diagnostics import prior_skew
 from cotlearn.diagnostics.recommendation import candidates
@@ -281,3 +281,14 @@ def test_no_column_without_codes_is_ranked():
     far = draw + 20 * torch.randint(2, (2000, 3), generator=seeded(1))
     for c in (draw, draw.exp(), far, torch.randint(10, (2000, 3), generator=seeded()).float()):
         assert not len(OwnUnits.fit(c).ranked)
+
+
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64, torch.bfloat16])
+def test_a_batch_is_brought_to_its_units_in_one_call(kind):
+    """Faster than `OwnUnits.fit(c)(c)`, and the same."""
+    c = torch.randn(200, 5, generator=seeded())
+    c[:, 1], c[:4, 2], c[:, 3] = 7.0, -9999.0, (1000 * c[:, 3]).exp2().clamp(1e-9, 1e9)
+    c[:, 4] = (c[:, 4] > 0).float()
+    for some in (c, c[:, [0, 1, 4]]):
+        found = in_own_units(some.to(kind))
+        assert np.array_equal(found, OwnUnits.fit(some.to(kind))(some.to(kind)).numpy())
