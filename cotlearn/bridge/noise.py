@@ -47,7 +47,8 @@ def paired_noise(
         condition: of each row: numbers (B,), (B, k) or (B, T, k); integer labels (B,); or a
             dictionary of these, which count equally (see `combine`). For pictures (B, C, H, W) give
             `clusters(pictures.flatten(1))` of fitted `EmbeddedClusters`, or the pictures if the
-            coupling has these as its `condition`.
+            coupling has these as its `condition`. A coupling with a function of c, or with fitted
+            clusters, takes numbers only: of labels and dictionaries each batch makes its own.
         is_pad: (B, T), true for steps after an episode's end, as LeRobot's "action_is_pad".
         generator: source of randomness; torch's global generator if None. In a worker of a
             `DataLoader` it starts at the worker's own seed, so that no two draw the same.
@@ -58,8 +59,8 @@ def paired_noise(
 
     Raises:
         TypeError: an argument is of another kind.
-        ValueError: shapes do not match, the coupling does more than move rows, or steps are padded
-            and it pairs in a frame.
+        ValueError: shapes do not match, the coupling does more than move rows, steps are padded and
+            it pairs in a frame, or it has a function of c that is given labels or a dictionary.
     """
     return _untraced(_paired)(coupling, actions, condition, is_pad, generator, noise)[0]
 
@@ -204,6 +205,7 @@ def _paired(
     _check_coupling(coupling)
     x1 = _rows(actions, "actions")
     clustered = getattr(coupling, "condition", None) is not None
+    _check_numbers(coupling, condition)
     c = None if condition is None else _matrix(condition, "condition", clustered)
     if is_pad is not None:
         wanted = tuple(actions.shape[:2])
@@ -231,6 +233,27 @@ def _paired(
     moved = torch.empty_like(x0)
     moved[pairs.target_index] = torch.where(varies, pairs.x0, x0[pairs.source_index])
     return moved.view(actions.shape).to(actions.dtype), moved, varies
+
+
+def _check_numbers(coupling: Coupling, condition: Any) -> None:
+    """Raise ValueError if numbers that a batch makes up would reach a function that knows others.
+
+    A dictionary is standardised by its batch, and labels are numbered by those that are in it.
+    """
+    if isinstance(condition, Mapping):
+        got = "a dictionary, which is standardised batch by batch"
+    elif (
+        isinstance(condition, Tensor) and condition.ndim == 1 and not condition.is_floating_point()
+    ):
+        got = "labels, which are numbered batch by batch"
+    else:
+        return
+    for name in ("forward", "condition", "clusters"):
+        own = getattr(coupling, name, None)
+        if own is not None and not getattr(own, "own", False):
+            raise ValueError(
+                f"condition must be a tensor (B, k) as {name} of {coupling!r} takes it, got {got}"
+            )
 
 
 def _neutral(coupling: Coupling, x1: Tensor, c: Tensor | None) -> Tensor | float:

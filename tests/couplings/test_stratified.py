@@ -351,7 +351,8 @@ def test_narrow_modes_that_are_sorted_by_the_condition_are_said():
 
 
 def test_a_class_in_the_place_of_clusters_is_no_number():
-    refused(lambda: StratifiedOT(KMeansCondition), TypeError, "clusters must be")
+    with pytest.raises(TypeError, match="clusters must be"):
+        StratifiedOT(KMeansCondition)
 
 
 def test_an_embedding_that_collapsed_is_said():
