@@ -36,6 +36,7 @@ Array = NDArray[Any]
 FITTED_TO = "fitted_to"  #: name of the digest in a checkpoint
 MANY = 128  #: rows from which it is said that conditions have few rows each
 FEW = 8  #: rows of a condition on average, below which it is said
+FEW_VALUES = 16  #: of a column of x1, which is then paired as it is
 TINY = 4  #: rows up to which all permutations are tried, of all such clusters at once
 UNBIASED = 0.9  #: of the variance of residuals: with less, the rest is left by a penalty
 EXPLAINED, CERTAIN = 0.05, 4.0  #: share of the noise's variance, and deviations, for a warning
@@ -63,8 +64,8 @@ class StratifiedOT(Coupling):
         residual: pair x0 with the residuals of a linear regression of x1 on c in the cluster. Where
             x1 depends linearly on c inside a cluster, x0 then hardly does, and paths are
             straightened as much; a cluster needs more than twice as many rows as c has columns. A
-            column of x1 with few values is paired as it is: the errors of slopes would sort equal
-            values by c. They do so within narrow modes, which the first epoch warns of. This
+            column of x1 with at most 16 values is paired as it is: the errors of slopes would sort
+            equal values by c. They do so within narrow modes, which the first epoch warns of. This
             changes which rows are paired, not x1 itself.
         rows_per_solve: larger clusters are cut at random into parts of at most this many rows, from
             2 to 4,096.
@@ -271,9 +272,12 @@ def _permuted(groups: Array, x0: Array, x1: Array) -> Array:
 
 
 def _take_few_values(y: Array, z: Array) -> Array:
-    """Whether columns of y (N, d), (d,), repeat most values in rows with other z (N, k)."""
+    """Whether columns of y (N, d), (d,), have few values, most of them in rows with other z (N, k).
+
+    With more values their distances are small against the errors of slopes, which do no harm then.
+    """
     values = np.array([len(np.unique(column)) for column in y.T])
-    found = 2 * values < len(y)
+    found = (values <= FEW_VALUES) & (2 * values < len(y))
     for column in np.flatnonzero(found):  # rows that are equal as a whole do not count
         different = np.unique(np.column_stack([y[:, column], z]), axis=0)
         found[column] = 2 * values[column] < len(different)
