@@ -40,8 +40,8 @@ class Pairs:
         source_index: (B,) row of each x0 in the input batch.
         target_index: (B,) row of each x1 in the input batch.
         weight: (B,) weight of each row in the loss, or None for equal weights.
-        group: (B,) number of the stratum that a row was drawn from, see `StratifiedBatches`; None:
-            the rows were drawn from all the data.
+        group: (B,) number of the group of rows, each of one stratum, that a row was drawn with, see
+            `StratifiedBatches`; None: the rows were drawn from all the data.
     """
 
     x0: Tensor
@@ -85,7 +85,7 @@ class Pairs:
 
     @staticmethod
     def cat(parts: Sequence[Pairs]) -> Pairs:
-        """Concatenate several `Pairs` row by row.
+        """Concatenate several `Pairs` row by row; groups of each are numbered after those before.
 
         Raises:
             ValueError: there are none, or only some of them have conditions, weights or groups.
@@ -98,6 +98,9 @@ class Pairs:
         for name, values in columns.items():
             if 0 < sum(value is None for value in values) < len(values):
                 raise ValueError(f"parts must all have {name}, or none of them; some have it")
+        if columns["group"][0] is not None:  # else those of other strata would meet
+            first = itertools.accumulate((int(g.max()) + 1 for g in columns["group"]), initial=0)
+            columns["group"] = [g + n for g, n in zip(columns["group"], first, strict=False)]
         whole = (None if c[0] is None else torch.cat(c) for c in columns.values())
         return Pairs._trusted(*whole)
 
@@ -121,7 +124,7 @@ class Source(Protocol):
     """Noise: a callable whose `source(n, generator=g)` returns x0 of shape (n, d)."""
 
     def __call__(self, n: int, generator: Generator | None = None) -> Tensor:
-        """Draw n rows."""
+        """Draw n rows, independent of each other: rows in an order would meet data in theirs."""
 
 
 class Match(NamedTuple):

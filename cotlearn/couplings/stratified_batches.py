@@ -20,9 +20,10 @@ class StratifiedBatches(Independent):
 
     The strata are k-means clusters of the conditions, of `rows` rows on average. A batch consists
     of groups of `rows` rows, each of one stratum, drawn with a probability proportional to its
-    size; the pairs say which row is of which `group`. Within a stratum, rows are drawn without
-    replacement until all have been drawn. So every data row is as likely as in `Independent`, and
-    noise does not depend on the condition; but the rows of a batch are not independent.
+    size; the pairs say which row is of which `group`. Within a group, rows are drawn without
+    replacement until all of the stratum have been drawn. So every data row is as likely as in
+    `Independent`, and noise does not depend on the condition; but the rows of a batch are not
+    independent.
 
     A stream needs finite data (`.x1`, `.c` and `len`), and keeps the strata that it began with, if
     the data are refilled in place, too. A call on a batch makes no groups.

@@ -2,9 +2,9 @@
 
 import pytest
 import torch
-from support import joined, refused, same, take
+from support import joined, refused, same, seeded, take
 
-from cotlearn.couplings import Independent, KMeansCondition, StratifiedBatches
+from cotlearn.couplings import Independent, KMeansCondition, Pairs, StratifiedBatches
 from cotlearn.datasets import Dataset
 from cotlearn.mixtures import moving_modes
 
@@ -89,3 +89,15 @@ test_bad_input = refused(
 def test_fitted_strata_are_wanted():
     with pytest.raises(ValueError, match="not fitted"):
         take(StratifiedBatches(8, KMeansCondition(2)), line(), 1)
+
+
+def test_groups_of_two_batches_stay_apart():
+    """Both number theirs from 0: rows of far conditions would be compared."""
+    c = torch.arange(3.0).repeat_interleave(40)[:, None]
+    data = Dataset(torch.randn(120, 2, generator=seeded()), c)
+    stream = StratifiedBatches(20).stream(data, batch_size=80, generator=seeded())
+    parts = [next(stream) for _ in range(3)]
+    whole = Pairs.cat(parts)
+    assert sorted(set(whole.group.tolist())) == list(range(12))
+    for group in range(12):
+        assert len(whole.c[whole.group == group].unique()) == 1
