@@ -296,7 +296,9 @@ def _warn_if_explained(noise: Array, c: Array, groups: list[Array]) -> None:
             free += k
     if not free:
         return
-    share, chance = 1 - after / before, CERTAIN * (2 * free) ** 0.5 / len(noise)
+    varies = before > 0  # else the column is padding
+    share = np.where(varies, 1 - after / np.where(varies, before, 1.0), 0.0)
+    chance = CERTAIN * (2 * free) ** 0.5 / len(noise)
     worst = int(share.argmax())
     if share[worst] > EXPLAINED + chance:
         warnings.warn(

@@ -350,6 +350,15 @@ def test_narrow_modes_that_are_sorted_by_the_condition_are_said():
         assert explained_of(coupling, switch(width=1.0)) < 0.04
 
 
+def test_a_constant_column_of_the_noise_hides_no_other():
+    """As of padded actions: 0 / 0 was the largest share, and nothing was said."""
+    data = switch(1024, width=0.05)
+    x0 = torch.randn(1024, 2, generator=seeded()) * torch.tensor([1.0, 0.0])
+    wide = torch.cat([data.x1, torch.zeros(1024, 1)], dim=1)
+    with pytest.warns(UserWarning, match="of column 0 of the noise"):
+        StratifiedOT(16, residual=True)(x0, wide, data.c, generator=seeded())
+
+
 def test_a_class_in_the_place_of_clusters_is_no_number():
     with pytest.raises(TypeError, match="clusters must be"):
         StratifiedOT(KMeansCondition)
