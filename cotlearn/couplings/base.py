@@ -124,7 +124,7 @@ class Source(Protocol):
     """Noise: a callable whose `source(n, generator=g)` returns x0 of shape (n, d)."""
 
     def __call__(self, n: int, generator: Generator | None = None) -> Tensor:
-        """Draw n rows, independent of each other: rows in an order would meet data in theirs."""
+        """Draw n rows in any order: a stream shuffles them, before they meet rows of data."""
 
 
 class Match(NamedTuple):
@@ -360,7 +360,7 @@ class Coupling(WithOptions):
     def solve(self, data: Any, n: int, source: Source | None, generator: Generator) -> Pairs:
         """Draw n rows of data and noise for a stream, and pair them."""
         x1, c = self.draw(data, n, generator)
-        x0 = draw_noise(x1, source, generator)
+        x0 = shuffled_noise(x1, source, generator)
         own = _OF_A_STREAM.set(generator)
         try:
             return self(x0, x1, c, generator)
@@ -516,6 +516,14 @@ def draw_noise(x1: Tensor, source: Source | None, generator: Generator | None) -
     noise = validation.check_shape(drawn, "source(n)", tuple(x1.shape))
     noise = noise.to(x1, copy=True)  # a source may fill the same buffer again
     return validation.check_matrix(noise, f"source(n) in {x1.dtype}")
+
+
+def shuffled_noise(x1: Tensor, source: Source | None, generator: Generator) -> Tensor:
+    """As `draw_noise`, but rows of a source, which may have an order, do not meet x1's in it."""
+    noise = draw_noise(x1, source, generator)
+    if source is None:
+        return noise
+    return noise[torch.randperm(len(noise), generator=generator)]
 
 
 def _asked(function: Callable[..., Any], name: str, n: int, generator: Generator | None) -> Any:

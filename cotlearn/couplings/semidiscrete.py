@@ -22,6 +22,7 @@ from cotlearn.couplings.base import (
     check_written,
     content_of,
     draw_noise,
+    shuffled_noise,
     written,
 )
 from cotlearn.couplings.conditional import warn_if_imprecise
@@ -336,7 +337,7 @@ class _Points:
     def draw(self, n: int, source: Source | None, rng: torch.Generator) -> tuple[Tensor, Tensor]:
         """Draw noise (n, d) with the conditions of random rows, and find its data rows (n,)."""
         own = torch.randint(len(self.x1), (n,), generator=rng)
-        x0 = draw_noise(self.x1[own], source, rng)
+        x0 = shuffled_noise(self.x1[own], source, rng)
         return x0, self.spread(self.search(x0, own), rng)
 
     def search(self, x0: Tensor, own: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from cotlearn.couplings.base import Pairs, Source, Traits, draw_noise
+from cotlearn.couplings.base import Pairs, Source, Traits, shuffled_noise
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.couplings.independent import Independent
 from cotlearn.validation import check_count, check_has
@@ -82,5 +82,5 @@ class StratifiedBatches(Independent):
         index = torch.cat(drawn)[:n]
         group = torch.arange(groups).repeat_interleave(self.rows)[:n]
         x1 = data.x1[index]
-        x0 = draw_noise(x1, source, generator)
+        x0 = shuffled_noise(x1, source, generator)
         return Pairs(x0, x1, data.c[index], torch.arange(n), index, group=group)

@@ -324,6 +324,23 @@ def test_the_batch_is_paired_as_a_whole():
     assert torch.equal(joined(parts, "x1"), whole.x1)
 
 
+@pytest.mark.parametrize("coupling", [Independent(), StratifiedOT()])
+def test_rows_of_a_source_in_an_order_do_not_meet_data_in_theirs(coupling):
+    def source(n, generator=None):  # two modes, one after the other
+        side = torch.arange(n)[:, None] * 2 // n
+        return torch.randn(n, 2, generator=generator) + 6.0 * side
+
+    class InOrder(Dataset):
+        def sample(self, n, generator=None):
+            return self.x1[:n], self.c[:n]
+
+    c = torch.eye(2).repeat_interleave(500, dim=0)
+    data = InOrder(torch.randn(1000, 2, generator=seeded(1)), c)
+    pairs = take(coupling, data, 1, batch_size=1000, source=source)[0]
+    means = [float(pairs.x0[pairs.c[:, k] == 1].mean()) for k in range(2)]
+    assert means == pytest.approx([3.0, 3.0], abs=1.0)  # 0 and 6 in their order
+
+
 def test_noise_comes_from_the_source():
     def source(n, generator=None):
         return 5 + torch.rand(n, 2, generator=generator)
