@@ -219,14 +219,14 @@ def check_squares(**values: Tensor) -> None:
     for name, x in values.items():
         if x.dtype != torch.float64:
             continue
-        size = x.detach().abs().amax(dim=0)
-        wrong = (size > LARGEST_SQUARED) | ((size > 0) & (size < SMALLEST_SQUARED))
-        if wrong.any():
-            column = int(wrong.nonzero()[0, 0])
+        size = x.detach().abs().amax(dim=0).tolist()
+        wrong = (s > LARGEST_SQUARED or 0 < s < SMALLEST_SQUARED for s in size)
+        column = next((j for j, is_wrong in enumerate(wrong) if is_wrong), None)
+        if column is not None:
             raise ValueError(
                 f"{' and '.join(values)} must have columns of 0 or of sizes from "
                 f"{SMALLEST_SQUARED:g} to {LARGEST_SQUARED:g}, whose squares float64 holds; {name} "
-                f"has values up to {float(size[column]):.3g} in column {column}: divide by their "
+                f"has values up to {size[column]:.3g} in column {column}: divide by their "
                 "scale"
             )
 

@@ -28,7 +28,7 @@ from cotlearn.validation import check_number
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SMALL_BATCH = 64  #: rows up to which SciPy alone is faster
+SMALL_BATCH = 32  #: rows up to which SciPy alone is faster
 EASY = 0.75  #: share of rows with a cheapest column of their own, above which SciPy is as fast
 SHARP = 1e-7  #: rounding errors of the costs, as a share of the lowest costs' distances
 BLUNT = 1e-3  #: the same, above which no solver is exact
@@ -100,7 +100,17 @@ def _reduced(cost: Array) -> Array:
 
 def _rounding(*values: Array) -> float:
     """The rounding error of sums of these numbers."""
-    return EPS * max(max(float(some.max()), -float(some.min())) for some in values)
+    return EPS * max(_largest(some.ravel()) for some in values)
+
+
+@compiled(fastmath={"reassoc", "nsz"})
+def _largest(values: Array) -> float:
+    """The largest |x| of (n,); NaN if there is one, or an infinity."""
+    largest, total = 0.0, 0.0
+    for i in range(len(values)):
+        largest = max(largest, abs(values[i]))
+        total += 0.0 * values[i]
+    return largest + total
 
 
 def sinkhorn_plan(cost: Array, *, regularization: float) -> Array:
@@ -164,15 +174,6 @@ def _scaled_kernel(kernel: Array) -> Array:
             break
     plan: Array = u[:, None] * kernel * v
     return plan
-
-
-def shuffled(rows: int, rng: np.random.Generator) -> Index:
-    """An order (B,) in which to give data to a solver, drawn without a change of `rng`.
-
-    Solvers deal equal columns, and those that differ by rounding, by their places. Of a batch that
-    is sorted by the condition, noise would then depend on it.
-    """
-    return rng.spawn(1)[0].permutation(rows)
 
 
 def draw_pairs(plan: Array, n: int, rng: np.random.Generator) -> tuple[Index, Index]:

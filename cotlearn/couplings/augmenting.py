@@ -4,8 +4,9 @@ The classical method (Jonker and Volgenant 1987) adds one row at a time, along t
 reduced costs to a free column. Good potentials make these paths short, but each row on a path still
 scans all B columns. Here a row first scans only its near columns (about 16, whose reduced cost is
 below a threshold) and puts a marker into the queue: "all other columns are at least d away". Only
-if the search reaches distance d does the row scan all columns. The result is exact for any
-potentials and any threshold; they only change the time.
+if the search reaches distance d does the row scan all columns. What lies beyond the nearest free
+column found so far is left out. The result is exact for any potentials and any threshold; they only
+change the time.
 
 Only this file, `annealing.py` and `distances.py` need compiled loops. Numba compiles them on the
 first call (a few seconds, kept in a cache).
@@ -21,7 +22,7 @@ from cotlearn.couplings.compiled import at_rank, compiled
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-WIDTH = 128  #: most near columns that are stored for a row
+ROOM = 40  #: near columns that are stored, for each row on average
 SCANS = 16  #: scans of all columns, for each row on average, after which SciPy is faster
 
 
@@ -54,26 +55,48 @@ def _threshold(cost: Array, rows: Array, columns: Array) -> float:
     return at_rank(reduced.ravel(), max(16, n // 32) * reduced.size // n)
 
 
+@compiled(fastmath={"nnan", "nsz", "reassoc"})
+def _reduce(
+    cost: Array, row: float, columns: Array, near: float, reduced: Array
+) -> tuple[float, float]:
+    """The reduced costs of a row, (n,), in place; the least of all, and of those above `near`."""
+    least, beyond = np.inf, np.inf
+    for j in range(len(cost)):
+        reduced[j] = cost[j] - row - columns[j]
+        least = min(least, reduced[j])
+        beyond = min(beyond, reduced[j] if reduced[j] > near else np.inf)
+    return least, beyond
+
+
+@compiled()
+def _keep(reduced: Array, near: float, column: Index, cost: Array, n: int) -> int:
+    """Append what is at most `near`, with its columns, to n that are there; how many they are.
+
+    A number is written in any case, which costs less than a branch that nobody can foresee.
+    """
+    for j in range(len(reduced)):
+        column[n], cost[n] = j, reduced[j]
+        n += reduced[j] <= near
+    return n
+
+
 @compiled()
 def _assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
     """`assign`, where near columns are those whose reduced cost is at most `near`; -1: given up."""
     n, scans = len(cost), 0
-    near_column = np.empty((n, WIDTH), np.int64)
-    near_cost = np.empty((n, WIDTH))
-    n_near = np.zeros(n, np.int64)
-    beyond = np.full(n, np.inf)  # least reduced cost of the columns that are not near
-    column_of, row_of = np.full(n, -1), np.full(n, -1)
+    near_column, near_cost = np.empty(ROOM * n, np.int64), np.empty(ROOM * n)
+    first = np.zeros(n + 1, np.int64)  # where the near columns of each row begin
+    beyond = np.empty(n)  # least reduced cost of the columns that are not near
+    reduced, column_of, row_of = np.empty(n), np.full(n, -1), np.full(n, -1)
     for i in range(n):  # every row takes its cheapest column if it is free
-        best, least = -1, np.inf
-        for j in range(n):
-            reduced = cost[i, j] - rows[i] - columns[j]
-            if reduced < least:
-                best, least = j, reduced
-            if reduced <= near and n_near[i] < WIDTH:
-                near_column[i, n_near[i]], near_cost[i, n_near[i]] = j, reduced
-                n_near[i] += 1
-            elif reduced < beyond[i]:
-                beyond[i] = reduced
+        least, beyond[i] = _reduce(cost[i], rows[i], columns, near, reduced)
+        if first[i] + n <= ROOM * n:
+            first[i + 1] = _keep(reduced, near, near_column, near_cost, first[i])
+        else:  # near columns without end: ties
+            first[i + 1], beyond[i] = first[i], least
+        best = 0
+        while reduced[best] != least:
+            best += 1
         if row_of[best] < 0:
             row_of[best], column_of[i] = i, best
 
@@ -85,18 +108,22 @@ def _assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
         if column_of[start] >= 0:
             continue
         queue.clear()
-        row, offset, n_reached = start, 0.0, 0  # offset: distance to the row less its reduced cost
+        row, n_reached, bound = start, 0, np.inf  # bound: distance to the nearest free column
+        offset = 0.0  # distance to the row less its reduced cost
         while True:
-            for k in range(n_near[row]):
-                j = near_column[row, k]
-                longer = offset + near_cost[row, k] - price[j]
-                if longer < distance[j] and not settled[j]:
+            for k in range(first[row], first[row + 1]):
+                j = near_column[k]
+                longer = offset + near_cost[k] - price[j]
+                if longer < min(bound, distance[j]) and not settled[j]:
                     if distance[j] == np.inf:
                         reached[n_reached] = j
                         n_reached += 1
                     distance[j], before[j] = longer, row
                     heapq.heappush(queue, (longer, j))
-            heapq.heappush(queue, (offset + beyond[row], n + row))  # the marker
+                    if row_of[j] < 0:
+                        bound = longer
+            if offset + beyond[row] < bound:
+                heapq.heappush(queue, (offset + beyond[row], n + row))  # the marker
             while True:
                 length, node = heapq.heappop(queue)
                 if node < n:
@@ -111,12 +138,14 @@ def _assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
                 offset = length - beyond[far]
                 for j in range(n):
                     longer = offset + cost[far, j] - rows[far] - columns[j] - price[j]
-                    if longer < distance[j] and not settled[j]:
+                    if longer < min(bound, distance[j]) and not settled[j]:
                         if distance[j] == np.inf:
                             reached[n_reached] = j
                             n_reached += 1
                         distance[j], before[j] = longer, far
                         heapq.heappush(queue, (longer, j))
+                        if row_of[j] < 0:
+                            bound = longer
             if row_of[node] < 0:
                 break
             settled[node] = True

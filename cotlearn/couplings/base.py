@@ -231,7 +231,9 @@ class Coupling(WithOptions):
             if match.condition_index is not None:
                 label = _check_rows(match.condition_index, "condition_index", len(x0))
             c = c[label.to(c.device)]
-        return Pairs(x0[source], paired, c, source, target, match.weight)
+        if match.weight is not None:
+            _check_weight(match.weight, len(x0))
+        return Pairs._trusted(x0[source], paired, c, source, target, match.weight, None)
 
     def matched(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:
         """What `match` chooses; a user's one may overwrite what it is given."""

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from cotlearn import validation
-from cotlearn.couplings.assignment import exact_permutation, shuffled
+from cotlearn.couplings.assignment import exact_permutation
 from cotlearn.couplings.base import Array, Coupling, Index, Match, Traits, is_ours, lent
 from cotlearn.couplings.distances import (
     centred_products,
@@ -121,13 +121,17 @@ class ConditionalOT(Coupling):
         seen = self._seen_of(c)
         noise_condition_index = rng.permutation(len(x0))  # c0 = c[noise_condition_index]
         order, own = np.arange(len(x0)), noise_condition_index
-        if self.condition_weight in (0, math.inf):  # where costs of rows with unlike c can be equal
-            order = shuffled(len(x0), rng)
+        mixed = rng.permutation(len(x0)) if self.condition_weight == math.inf else order
+        if self.condition_weight in (0, math.inf):
+            # Solvers deal equal columns by their places, see `MinibatchOT`; here costs of rows with
+            # unlike c can be equal.
+            order = rng.permutation(len(x0))
             x1, seen = x1[torch.from_numpy(order)], seen[order]
             own = np.argsort(order)[own]  # c0 among the shuffled
         if self.condition_weight == math.inf:
             cost = pairing_cost(x0, x1)
-            source, target = _within_classes(cost, torch.from_numpy(seen), own, rng)
+            source, target = _within_classes(cost, torch.from_numpy(seen), own)
+            source, target = source[mixed], target[mixed]  # batches cut from them mix the classes
         else:
             source = np.arange(len(x0))
             if self.condition is not None or self.condition_weight != "scaled":
@@ -211,7 +215,7 @@ class ConditionalOT(Coupling):
 
 
 def _within_classes(
-    sample_cost: Array, c: Tensor, noise_condition_index: Index, rng: np.random.Generator
+    sample_cost: Array, c: Tensor, noise_condition_index: Index
 ) -> tuple[Index, Index]:
     """w = infinity: one plan for each distinct condition."""
     label = torch.unique(c, dim=0, return_inverse=True)[1].cpu().numpy()
@@ -227,8 +231,7 @@ def _within_classes(
         columns = np.flatnonzero(label == k)
         sources.append(rows)
         targets.append(columns[exact_permutation(sample_cost[np.ix_(rows, columns)])])
-    order = rng.permutation(len(c))  # so that batches cut from these pairs mix the classes
-    return np.concatenate(sources)[order], np.concatenate(targets)[order]
+    return np.concatenate(sources), np.concatenate(targets)
 
 
 def warn_if_imprecise(mean_sample_cost: float, largest: float, rows: int, weight: float) -> None:

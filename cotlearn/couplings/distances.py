@@ -44,14 +44,10 @@ def squared_distances(first: Tensor | Array, second: Tensor | Array) -> Array:
     """
     a, b = to_numpy(first), to_numpy(second)
     if a.shape[1] >= MANY_DIMENSIONS:
-        centre = b.mean(axis=0)
-        a, b = a - centre, b - centre
-        norms_a, norms_b = (a * a).sum(axis=1), (b * b).sum(axis=1)
-        left = np.column_stack([-2 * a, norms_a, np.ones(len(a))])
-        right = np.column_stack([b, np.ones(len(b)), norms_b])
+        left, right, largest = _factors(np.ascontiguousarray(a), np.ascontiguousarray(b))
         # by torch: threads of NumPy's product and of torch would wait for each other, for 20 ms
         distances: Array = torch.mm(torch.from_numpy(left), torch.from_numpy(right).T).numpy()
-        near = LOST_DIGITS * (norms_a.max() + norms_b.max())
+        near = LOST_DIGITS * largest
         if distances.min() >= near:
             return distances
         rows, columns = np.nonzero(distances < near)
@@ -85,6 +81,35 @@ def centred_products(first: Tensor | Array, second: Tensor | Array) -> Array:
     a, b = to_numpy(first), to_numpy(second)
     products: Array = -2 * (a - a.mean(axis=0)) @ (b - b.mean(axis=0)).T
     return products
+
+
+@compiled()
+def _factors(a: Array, b: Array) -> tuple[Array, Array, float]:
+    """The matrices (-2a, |a|^2, 1) and (b, 1, |b|^2) of shifted rows; the largest |a|^2 + |b|^2."""
+    d = a.shape[1]
+    centre = np.zeros(d)
+    for i in range(len(b)):
+        for j in range(d):
+            centre[j] += b[i, j]
+    centre /= len(b)
+    left, right = np.empty((len(a), d + 2)), np.empty((len(b), d + 2))
+    largest_a, largest_b = 0.0, 0.0
+    for i in range(len(a)):
+        norm = 0.0
+        for j in range(d):
+            shifted = a[i, j] - centre[j]
+            left[i, j] = -2 * shifted
+            norm += shifted * shifted
+        left[i, d], left[i, d + 1] = norm, 1.0
+        largest_a = max(largest_a, norm)
+    for i in range(len(b)):
+        norm = 0.0
+        for j in range(d):
+            right[i, j] = b[i, j] - centre[j]
+            norm += right[i, j] * right[i, j]
+        right[i, d], right[i, d + 1] = 1.0, norm
+        largest_b = max(largest_b, norm)
+    return left, right, largest_a + largest_b
 
 
 @compiled()

@@ -9,7 +9,6 @@ from torch import Tensor
 from cotlearn.couplings.assignment import (
     draw_pairs,
     exact_permutation,
-    shuffled,
     sinkhorn_plan,
 )
 from cotlearn.couplings.base import Array, Coupling, Match, Traits
@@ -56,13 +55,15 @@ class MinibatchOT(Coupling):
         self._check_options()
         if self.plan == "sinkhorn" and self.sampling == "replacement":
             return Match(*draw_pairs(self._entropic(x0, x1), len(x0), rng))
-        rows, order = np.arange(len(x0)), shuffled(len(x0), rng)
-        some = x1[torch.from_numpy(order)]
-        cost = pairing_cost(x0, some) if self.plan == "exact" else -self._entropic(x0, some)
-        columns = order[exact_permutation(cost)]
+        rows = np.arange(len(x0))
         if self.sampling == "replacement":  # the plan is uniform over the pairs (i, columns[i])
             rows = rng.integers(len(rows), size=len(rows))
-        return Match(rows, columns[rows])
+        # Solvers deal equal columns, and those that differ by rounding, by their places: of a batch
+        # that is sorted by the condition, noise would then depend on it.
+        order = rng.permutation(len(x0))
+        some = x1[torch.from_numpy(order)]
+        cost = pairing_cost(x0, some) if self.plan == "exact" else -self._entropic(x0, some)
+        return Match(rows, order[exact_permutation(cost)][rows])
 
     def _entropic(self, x0: Tensor, x1: Tensor) -> Array:
         return sinkhorn_plan(squared_distances(x0, x1), regularization=self.regularization)
