@@ -120,14 +120,12 @@ class ConditionalOT(Coupling):
         self._check_options()
         seen = self._seen_of(c)
         noise_condition_index = rng.permutation(len(x0))  # c0 = c[noise_condition_index]
-        order, own = np.arange(len(x0)), noise_condition_index
-        mixed = rng.permutation(len(x0)) if self.condition_weight == math.inf else order
-        if self.condition_weight in (0, math.inf):
-            # Solvers deal equal columns by their places, see `MinibatchOT`; here costs of rows with
-            # unlike c can be equal.
-            order = rng.permutation(len(x0))
-            x1, seen = x1[torch.from_numpy(order)], seen[order]
-            own = np.argsort(order)[own]  # c0 among the shuffled
+        mixed = rng.permutation(len(x0))
+        # Solvers deal equal columns by their places, see `MinibatchOT`: costs of rows with unlike c
+        # can be equal, as for a small weight.
+        order = rng.permutation(len(x0))
+        x1, seen = x1[torch.from_numpy(order)], seen[order]
+        own = np.argsort(order)[noise_condition_index]  # c0 among the shuffled
         if self.condition_weight == math.inf:
             cost = pairing_cost(x0, x1)
             source, target = _within_classes(cost, torch.from_numpy(seen), own)
@@ -138,7 +136,7 @@ class ConditionalOT(Coupling):
                 validation.check_squares(c=torch.from_numpy(seen))
             if self.condition_weight and self.condition_weight != "scaled":
                 warn_if_one_column_rules(torch.from_numpy(seen))
-            target = exact_permutation(self._joint_cost(x0, x1, seen, own))
+            target = exact_permutation(self._joint_cost(x0, x1, seen, own, order))
             if self.condition_weight in ConditionalOT.rules:  # a target ratio leaves more
                 warn_if_unheeded(seen, own, target)
         labels = noise_condition_index[source] if self.label == "source" else None
@@ -151,7 +149,8 @@ class ConditionalOT(Coupling):
         if self.condition_weight == math.inf:
             return float((cost == 0).sum(axis=1).mean())
         shuffled = np.random.default_rng(0).permutation(len(cost))  # x0 and x1 may be paired
-        return near_rows(self._checked_weight(sample_cost, cost, shuffled), cost, sample_cost)
+        weight = self._checked_weight(sample_cost, cost, shuffled, np.arange(len(cost)))
+        return near_rows(weight, cost, sample_cost)
 
     def weight(
         self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
@@ -171,13 +170,17 @@ class ConditionalOT(Coupling):
         return float((10 * mean_distance(sample_cost) / spread) ** 2)
 
     def _checked_weight(
-        self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
+        self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index, order: Index
     ) -> float:
-        """What `weight` says; a user's one may be wrong, and overwrite what it is given."""
+        """What `weight` says; a user's one may be wrong, and overwrite what it is given.
+
+        Columns are shuffled by `order` (B,); a user's weight sees them in the order of the batch.
+        """
         if is_ours(self.weight):
             return self.weight(sample_cost, condition_cost, noise_condition_index)
-        costs = sample_cost.copy(), condition_cost.copy()
-        weight = self.weight(*costs, noise_condition_index.copy())
+        back = np.argsort(order)
+        costs = sample_cost[:, back], condition_cost[:, back]  # copies
+        weight = self.weight(*costs, order[noise_condition_index])
         return validation.check_number(weight, "weight(...)")
 
     def _seen_of(self, c: Tensor) -> Array:
@@ -189,14 +192,19 @@ class ConditionalOT(Coupling):
         validation.check_same_rows(seen, name, c, "c")
         return to_numpy(seen)
 
-    def _joint_cost(self, x0: Tensor, x1: Tensor, c: Array, noise_condition_index: Index) -> Array:
-        """|x0_i - x1_j|^2 + w C(c0_i, c_j), shape (B, B), with c0 = c[noise_condition_index]."""
+    def _joint_cost(
+        self, x0: Tensor, x1: Tensor, c: Array, noise_condition_index: Index, order: Index
+    ) -> Array:
+        """|x0_i - x1_j|^2 + w C(c0_i, c_j), shape (B, B), with c0 = c[noise_condition_index].
+
+        The rows of x1 and c are those of the batch in the given order (B,).
+        """
         noise, data = to_numpy(x0), to_numpy(x1)
         with np.errstate(over="ignore"):
             if isinstance(self.condition_weight, str):
                 sample_cost = squared_distances(noise, data)
                 cost = squared_distances(c[noise_condition_index], c)
-                weight = self._checked_weight(sample_cost, cost, noise_condition_index)
+                weight = self._checked_weight(sample_cost, cost, noise_condition_index, order)
                 if hides(sample_cost, noise, data):
                     sample_cost = centred_products(noise, data)
                 mean = weigh(cost, weight, sample_cost)

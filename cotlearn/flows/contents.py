@@ -13,6 +13,7 @@ import inspect
 import sys
 import types
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,16 +29,19 @@ OPTIMISED = "_orig_mod"  #: where `torch.compile` keeps the module
 PLAIN = (type(None), bool, int, float, complex, str, bytes)
 FUNCTIONS = (types.FunctionType, types.BuiltinFunctionType, functools.partial)
 COLLECTIONS = (Mapping, list, tuple, set, frozenset, types.SimpleNamespace, argparse.Namespace)
+OF_EVERY_MODULE = {*vars(nn.Module())}  #: attributes of any module, which are no settings
+OF_COMPILING = "compile", "dynamo"  #: in the names of what `torch.compile` leaves in a module
+INSTALLED = {"site-packages", "dist-packages"}  #: folders of packages
 HELD = (*PLAIN, *FUNCTIONS, Tensor, np.ndarray, nn.Module)
 
 
 def contents(part: Any) -> str:
     """A digest of everything that a part holds: the same in another process, and after a resume.
 
-    Of a dataclass it reads the fields, of another object the attributes without a leading
-    underscore, and of a user's class the text of the methods, where Python has it. So a coupling
-    that counts its calls should call the counter `_calls`, and a loss the list of what it has seen
-    `_seen`.
+    Of a dataclass it reads the fields, of a network all settings, of another object the attributes
+    without a leading underscore; of a user's functions and classes the text, where Python has it,
+    and what they use of the user's own modules. So a coupling that counts its calls should call the
+    counter `_calls`, and a loss the list of what it has seen `_seen`.
     """
     reader = _Reader()
     reader.read(part)
@@ -84,8 +88,10 @@ class _Reader:
             self._read_function(value)
         elif inspect.isbuiltin(value):
             self.say(value.__qualname__)
-        elif isinstance(value, type | types.ModuleType):
+        elif isinstance(value, type):
             self.say(value.__name__)
+            if _is_own(value):
+                self._read_methods(value)
         elif "__qualname__" in getattr(value, "__dict__", {}):
             self.say(value.__qualname__)  # it goes by that name
         else:
@@ -93,12 +99,11 @@ class _Reader:
 
     def _read_function(self, function: Any) -> None:
         self.say(function.__qualname__)
-        held = inspect.getclosurevars(function)
-        self.read(held.nonlocals)
+        self.read(inspect.getclosurevars(function).nonlocals)
         if _is_users(function):
             self.read([function.__defaults__, function.__kwdefaults__])
             self._read_source(function)
-            self.read({k: v for k, v in held.globals.items() if _counts(v)})
+            self.read(_used(_names(function.__code__), function.__globals__))
 
     def _read_source(self, function: Any) -> None:
         """The text of a function: unlike its byte code it is the same for another Python."""
@@ -129,6 +134,7 @@ class _Reader:
                 continue  # it comes next
             kind = type(module)
             self.say(kind.__qualname__)
+            self.read({name: value for name, value in vars(module).items() if _is_set(name, value)})
             if _is_users(kind):
                 self._read_methods(kind)
                 self.read({k: v for k, v in _attributes(module).items() if k != "training"})
@@ -136,18 +142,61 @@ class _Reader:
                 self.say(module.extra_repr())
 
     def _read_methods(self, kind: type) -> None:
-        """The functions of a user's class, and of those that it inherits from."""
+        """The functions and constants of a user's class, and of those that it inherits from."""
         for owner in filter(_is_users, kind.__mro__):
             for name, value in vars(owner).items():
                 function = getattr(value, "fget", getattr(value, "__func__", value))
-                if inspect.isfunction(function) and function.__code__.co_filename != GENERATED:
+                if inspect.isfunction(function):
+                    if function.__code__.co_filename != GENERATED:
+                        self.say(name)
+                        self.read(function)
+                elif not name.startswith("__") and isinstance(
+                    value, (*PLAIN, Tensor, *COLLECTIONS)
+                ):
                     self.say(name)
-                    self.read(function)
+                    self.read(value)
 
 
 def _is_users(part: Any) -> bool:
     """Whether a function or a class is neither of this package nor of Python, NumPy or torch."""
     return str(part.__module__).partition(".")[0] not in KNOWN
+
+
+def _is_own(part: Any) -> bool:
+    """Whether a module or a class lies in a user's file, not in an installed package."""
+    module = part if isinstance(part, types.ModuleType) else sys.modules.get(part.__module__)
+    if module is None or module.__name__.partition(".")[0] in KNOWN:
+        return False
+    file = getattr(module, "__file__", None) or ""  # a notebook has none
+    return not INSTALLED.intersection(Path(file).parts)
+
+
+def _is_set(name: str, value: Any) -> bool:
+    """Whether an attribute of a network, also a hidden one, is a setting: it computes by it."""
+    if name in OF_EVERY_MODULE or any(word in name for word in OF_COMPILING):
+        return False
+    return isinstance(value, (*PLAIN, *FUNCTIONS)) or (
+        isinstance(value, list | tuple) and all(isinstance(item, PLAIN) for item in value)
+    )
+
+
+def _names(code: types.CodeType) -> set[str]:
+    """The globals and attributes that a function uses, also inside of others."""
+    inner = (const for const in code.co_consts if isinstance(const, types.CodeType))
+    return {*code.co_names}.union(*map(_names, inner))
+
+
+def _used(names: set[str], space: Mapping[str, Any], seen: tuple[Any, ...] = ()) -> dict[str, Any]:
+    """What of a module's names counts; of a user's own module, what counts of its names."""
+    found = {}
+    for name in sorted(names & space.keys()):
+        value = space[name]
+        if isinstance(value, types.ModuleType):
+            if _is_own(value) and not any(value is module for module in seen):
+                found[name] = _used(names, vars(value), (*seen, value))
+        elif _counts(value):
+            found[name] = value
+    return found
 
 
 def _attributes(value: Any) -> dict[str, Any]:
@@ -172,7 +221,9 @@ def _counts(value: Any) -> bool:
 
     A file, a lock, a logger or a progress bar does not count.
     """
-    if isinstance(value, type | types.ModuleType):
+    if isinstance(value, types.ModuleType):
         return False
+    if isinstance(value, type):
+        return _is_own(value)
     ours = dataclasses.is_dataclass(value) or callable(value)
     return ours or isinstance(value, (*HELD, *COLLECTIONS)) or _is_users(type(value))

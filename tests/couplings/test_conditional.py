@@ -11,7 +11,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 from support import refused, seeded
 
-from cotlearn.couplings import ConditionalOT, MinibatchOT
+from cotlearn.couplings import AdaptiveConditionalOT, ConditionalOT, MinibatchOT
+from cotlearn.couplings.base import Pairs
 
 
 def labelled(n=60, k=3, seed=0):
@@ -33,9 +34,9 @@ def cost(pairs):
 class Recording(ConditionalOT):
     """Keeps what `match` drew and weighed."""
 
-    def _joint_cost(self, x0, x1, c, own):
-        self._own, self._weight = own, self.condition_weight
-        return super()._joint_cost(x0, x1, c, own)
+    def _joint_cost(self, x0, x1, c, own, order):
+        self._own, self._weight = order[own], self.condition_weight
+        return super()._joint_cost(x0, x1, c, own, order)
 
     def weight(self, sample_cost, condition_cost, own):
         self._weight = super().weight(sample_cost, condition_cost, own)
@@ -145,6 +146,22 @@ def test_constant_conditions_leave_minibatch_ot(weight):
     x0, x1, _ = continuous()
     pairs = ConditionalOT(weight)(x0, x1, torch.full((60, 2), 3.0), generator=seeded())
     assert cost(pairs) == pytest.approx(cost(MinibatchOT()(x0, x1)), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "coupling",
+    [MinibatchOT(), ConditionalOT(0.0), ConditionalOT(1e-60), AdaptiveConditionalOT(0.3)],
+)
+def test_equal_costs_are_not_dealt_by_the_order_of_rows(coupling):
+    """Noise of two values, and data of three in which rows are sorted by c."""
+    row = torch.arange(48)
+    x1, c = torch.tensor([-2.0, 0.0, 2.0])[row // 16][:, None], (row % 16).float()[:, None]
+    drawn = []
+    for seed in range(60):
+        x0 = torch.randint(2, (48, 1), generator=seeded(seed)).float() * 2 - 1
+        drawn.append(coupling(x0, x1, c, generator=seeded(seed)))
+    pairs = Pairs.cat(drawn)
+    assert abs(np.corrcoef(pairs.x0[:, 0], pairs.c[:, 0])[0, 1]) < 0.08
 
 
 def test_label_target_is_the_condition_of_x1_and_source_that_of_the_noise():

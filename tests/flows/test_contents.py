@@ -3,7 +3,9 @@
 import copy
 import linecache
 import logging
+import sys
 import threading
+import types
 from argparse import Namespace
 from functools import partial
 
@@ -111,15 +113,14 @@ class Shifted(Scaled):
 class Acting(torch.nn.Module):
     """A network with plain attributes."""
 
-    def __init__(self, act, times=1):
+    def __init__(self, act, times=1, bias=0.0):
         super().__init__()
-        self.act, self.times, self._calls = act, times, 0
+        self.act, self.times, self._bias = act, times, bias
         self.layer = torch.nn.Linear(4, 2)
         torch.nn.init.ones_(self.layer.weight), torch.nn.init.zeros_(self.layer.bias)
 
     def forward(self, t, x, c):
-        self._calls += 1
-        return self.times * self.act(self.layer(torch.cat([x, c], dim=1)))
+        return self.times * self.act(self.layer(torch.cat([x, c], dim=1))) + self._bias
 
 
 class Config:
@@ -128,6 +129,43 @@ class Config:
 
 
 SETTINGS = {"scale": 1.0}
+
+
+HELPERS = types.ModuleType("users_helpers")
+
+
+def with_helper(factor):
+    """A network whose methods use a module, a class and a function of other files of the user's."""
+    text = (
+        f"def scale(x):\n    return {factor} * x\n\n\n"
+        f"class Scale:\n    by = {factor}\n\n"
+        "    def __call__(self, x):\n        return self.by * x\n"
+    )
+    name = f"<helpers with {factor}>"
+    linecache.cache[name] = len(text), None, text.splitlines(keepends=True), name
+    exec(compile(text, name, "exec"), vars(HELPERS))
+    return HELPERS
+
+
+class ByModule(torch.nn.Module):
+    def forward(self, t, x, c):
+        return HELPERS.scale(x)
+
+
+class ByClass(torch.nn.Module):
+    def forward(self, t, x, c):
+        return HELPERS.Scale()(x)
+
+
+class ByInner(torch.nn.Module):
+    def forward(self, t, x, c):
+        return sum(HELPERS.scale(column) for column in x.T)
+
+
+def using(factor, network, monkeypatch):
+    """The digest of a network that uses these helpers."""
+    monkeypatch.setitem(sys.modules, HELPERS.__name__, with_helper(factor))
+    return contents(network())
 
 
 def by_setting(scale):
@@ -149,6 +187,23 @@ def around(tensor):
 
 def clusters(c, k=4):
     return KMeansCondition(k).fit(c)
+
+
+def seeded_layer(kind, *args, **options):
+    torch.manual_seed(0)
+    return kind(*args, **options)
+
+
+attention = partial(seeded_layer, torch.nn.MultiheadAttention, 8)
+
+
+def encoder(activation="relu", **options):
+    kind = torch.nn.TransformerEncoderLayer
+    return seeded_layer(kind, 8, 2, 16, activation=activation, **options)
+
+
+def rated(rate):
+    return type("Rated", (Scaled,), {"rate": rate, "__module__": __name__})(1)
 
 
 OTHERS = {
@@ -194,6 +249,14 @@ OTHERS = {
     "a dictionary of the file": (lambda: by_setting(1.0), lambda: by_setting(2.0)),
     "what a network computes": (lambda: Acting(torch.tanh), lambda: Acting(torch.relu)),
     "a network's number": (lambda: Acting(torch.tanh, 2), lambda: Acting(torch.tanh, 3)),
+    "a network's hidden number": (
+        lambda: Acting(torch.tanh),
+        lambda: Acting(torch.tanh, bias=1.0),
+    ),
+    "heads of attention": (lambda: attention(2), lambda: attention(4)),
+    "a layer's function": (lambda: encoder("relu"), lambda: encoder("gelu")),
+    "a layer's order": (lambda: encoder(), lambda: encoder(norm_first=True)),
+    "a class's number": (lambda: rated(1.0), lambda: rated(2.0)),
     "a network's method": (lambda: module(1), lambda: module(2)),
     "a network's part": (
         lambda: torch.nn.Sequential(torch.nn.Dropout(0.1)),
@@ -217,6 +280,13 @@ def test_a_teacher_that_is_a_global_counts_with_its_weights():
     with torch.no_grad():
         TEACHER.weight.add_(1)
     assert contents(Reflow(teacher)) != before
+
+
+@pytest.mark.parametrize("network", [ByModule, ByClass, ByInner])
+def test_what_a_network_uses_of_a_users_module_counts(network, monkeypatch):
+    first = using(1, network, monkeypatch)
+    assert using(2, network, monkeypatch) != first
+    assert using(1, network, monkeypatch) == first
 
 
 def test_what_training_changes_does_not_count():

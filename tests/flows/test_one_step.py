@@ -1,6 +1,7 @@
 """Losses of few-step models: the flow of a Gaussian, fixed points, known answers."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -172,6 +173,19 @@ class _Opaque(nn.Module):
 
     def forward(self, t, x, c=None):
         return self.scale * _NoForwardMode.apply(x)
+
+
+@pytest.mark.parametrize("workers", [2, 4])
+def test_mean_flow_in_several_threads(workers):
+    networks = [MeanVelocity(VelocityMLP(1, 1, width=16, seed=seed)) for seed in range(4)]
+
+    def value(seed):
+        pairs = gaussian_pairs(64, seed).map(lambda v: v.float() if v.is_floating_point() else v)
+        return MeanFlow(uniform=True)(networks[seed % 4], pairs, seeded(seed)).detach()
+
+    alone = [value(seed) for seed in range(100)]
+    with ThreadPoolExecutor(workers) as pool:
+        assert all(map(torch.equal, alone, pool.map(value, range(100))))
 
 
 test_bad_input = refused(

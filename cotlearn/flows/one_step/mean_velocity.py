@@ -5,6 +5,7 @@ the flow that passes x at t.
 """
 
 import inspect
+import threading
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -26,6 +27,8 @@ from cotlearn.validation import check_choice, check_count, check_number, check_s
 #: Of log(t / (1 - t)), which has deviation 1. (The paper's -0.4 counts time from the data.)
 LOCATION = 0.4
 LEVELS = 7  #: of shortcuts, from 1 down to 1/64
+#: torch has one level of forward derivatives for all threads: who leaves it takes those of others.
+_FORWARD_MODE = threading.Lock()
 
 
 class MeanVelocity(nn.Module):
@@ -108,7 +111,7 @@ class MeanFlow:
         along, mean = (one, v[jumps], -one), cast(Any, velocity_of(network, self.prediction))
         try:
             # of rows that jump, for the target alone; fused attention has no such derivative
-            with torch.no_grad(), sdpa_kernel(SDPBackend.MATH):
+            with _FORWARD_MODE, torch.no_grad(), sdpa_kernel(SDPBackend.MATH):
                 change = torch.func.jvp(lambda t, x, r: mean(t, x, c, r), at, along)[1]
         except (NotImplementedError, RuntimeError) as error:
             raise TypeError(f"network must allow forward-mode derivatives: {error}") from error
