@@ -96,6 +96,20 @@ class PairedNoise:
         """Noise like `actions`, as `paired_noise` returns it."""
         return _untraced(self._pair)(actions, condition, is_pad, noise)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled: torch's generator loses its state on the way to a spawned worker."""
+        state = dict(vars(self))
+        if self.generator is not None:
+            state["generator"] = self.generator.device, self.generator.get_state().tolist()
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if state["generator"] is not None:
+            device, numbers = state["generator"]
+            self.generator = Generator(device)
+            self.generator.set_state(torch.tensor(numbers, dtype=torch.uint8, device="cpu"))
+
     def skew(self) -> LinearSkew:
         """The share of the noise's variance between 64 cells of the condition, and its p-value.
 

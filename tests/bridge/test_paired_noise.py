@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import pickle
 import warnings
 
 import pytest
@@ -300,9 +301,8 @@ class Paired:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("start", "seed"), [("fork", 1), ("warm", None)])
+@pytest.mark.parametrize(("start", "seed"), [("fork", 1), ("warm", None), ("warm", 1)])
 def test_no_two_workers_hand_out_the_same_noise(start, seed, warm):
-    """A generator cannot be sent to a worker that is not forked from here: torch refuses."""
     x1, c = petals().sample(128, generator=seeded())
     rows = TensorDataset(x1, c)
 
@@ -316,6 +316,14 @@ def test_no_two_workers_hand_out_the_same_noise(start, seed, warm):
     seen = sums(seed and seeded(seed))
     assert len(set(seen)) == len(seen) == 16  # of two workers in two epochs
     assert seen == sums(seed and seeded(2))  # the loader's seed decides, as in torch
+
+
+def test_a_pickled_copy_goes_on_with_the_same_noise():
+    paired = PairedNoise(ConditionalOT(), generator=seeded(3))
+    paired(chunks(), torch.arange(24) % 3)
+    copy = pickle.loads(pickle.dumps(paired))
+    expected = paired(chunks(), torch.arange(24) % 3)
+    assert torch.equal(copy(chunks(), torch.arange(24) % 3), expected)
 
 
 @pytest.mark.parametrize("coupling", [ConditionalOT, "ConditionalOT", None])
