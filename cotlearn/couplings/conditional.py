@@ -200,21 +200,21 @@ class ConditionalOT(Coupling):
         The rows of x1 and c are those of the batch in the given order (B,).
         """
         noise, data = to_numpy(x0), to_numpy(x1)
-        with np.errstate(over="ignore"):
-            if isinstance(self.condition_weight, str):
-                sample_cost = squared_distances(noise, data)
-                cost = squared_distances(c[noise_condition_index], c)
-                weight = self._checked_weight(sample_cost, cost, noise_condition_index, order)
-                if hides(sample_cost, noise, data):
-                    sample_cost = centred_products(noise, data)
-                mean = weigh(cost, weight, sample_cost)
-            else:  # the distance of the rows with sqrt(w) c appended: one matrix instead of three
-                weight = self.condition_weight
+        if isinstance(self.condition_weight, str):
+            sample_cost = squared_distances(noise, data)
+            cost = squared_distances(c[noise_condition_index], c)
+            weight = self._checked_weight(sample_cost, cost, noise_condition_index, order)
+            if hides(sample_cost, noise, data):
+                sample_cost = centred_products(noise, data)
+            mean = weigh(cost, weight, sample_cost)
+        else:  # the distance of the rows with sqrt(w) c appended: one matrix instead of three
+            weight = self.condition_weight
+            with np.errstate(over="ignore"):
                 heavy = math.sqrt(weight) * c
-                joint = np.hstack([noise, heavy[noise_condition_index]])
-                cost = pairing_cost(joint, np.hstack([data, heavy]))
-                centre = data.mean(axis=0)
-                mean = sum(float(np.square(x - centre).sum()) for x in (noise, data)) / len(data)
+            joint = np.hstack([noise, heavy[noise_condition_index]])
+            cost = pairing_cost(joint, np.hstack([data, heavy]))
+            centre = data.mean(axis=0)
+            mean = sum(float(np.square(x - centre).sum()) for x in (noise, data)) / len(data)
         largest = float(cost.max())
         if not math.isfinite(largest):
             raise ValueError(f"condition_weight {weight:.3g} makes costs infinite: use math.inf")
