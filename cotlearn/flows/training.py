@@ -90,7 +90,8 @@ def fit(
         ema: decay of the averaged weights, in [0, 1]; step s uses at most (1 + s)/(10 + s).
         log_every: steps between two entries of the history.
         checkpoint: a safetensors file, written every `CHECKPOINT_EVERY` steps, on Ctrl-C and at the
-            end. If it exists, training resumes from it.
+            end. If it exists, training resumes from it. Of a coupling and a loss of one's own,
+            attributes with a leading underscore may differ from those of the first training.
         progress: show a progress bar; if None, in terminals and notebooks.
 
     Returns:
