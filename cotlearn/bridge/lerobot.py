@@ -35,6 +35,11 @@ class Change:
     def replace(self, owner: Any, name: str, make: Callable[[Any], Any]) -> None:
         """Let `make(was)` take the place of the owner's method, where was(owner, ...) calls it."""
         own = vars(owner).get(name)  # a compiled method, say
+        if getattr(own, "__module__", "") == __name__:
+            raise ValueError(
+                "policy is paired already: call remove() of what the first pair_lerobot returned, "
+                "or load it anew"
+            )
         self._were.append((owner, name, own))
         was = getattr(type(owner), name) if own is None else lambda _, *args, **kw: own(*args, **kw)
         setattr(owner, name, MethodType(make(was), owner))
@@ -81,8 +86,9 @@ def pair_lerobot(
 
     Raises:
         TypeError: the policy is none of these.
-        ValueError: the policy sees pictures and there is no `condition`, or it is trained as a
-            diffusion; in `forward`: actions have another horizon than the policy.
+        ValueError: the policy is paired already, it sees pictures and there is no `condition`, or
+            it is trained as a diffusion; in `forward`: actions have another horizon than the
+            policy.
     """
     validation.check_count(nfe, "nfe")
     if condition is None and getattr(policy.config, "image_features", None):

@@ -26,7 +26,7 @@ from cotlearn.validation import check_condition, check_draws_nothing, check_func
 LARGE = 2048  #: rows from which transformed values are kept for the next epoch
 INVERSE = 1e-2  #: largest error of the inverse, as a share of the longest row
 LOOKED_AT = 256  #: rows by which a change of the transform is seen
-ROUNDING = 16  #: units in the last place of the largest number, up to which values count as equal
+ROUNDING = 4  #: units in the last place, the rounding error of a value by a sum and a quotient
 UNCHANGED = 1e-4  #: largest difference of values that count as equal, as a share of the largest
 
 Transform = Callable[[Tensor, Tensor], Tensor]
@@ -127,6 +127,8 @@ class Transformed(Coupling):
     def _rounded(self, x1: Tensor, c: Tensor) -> Tensor:
         """Forward(x1, c), where values that differ by rounding are equal."""
         values = self._apply("forward", x1, c)
+        if isinstance(self.forward, Residual):
+            return values  # it has done so
         if self.inverse is None:
             return without_rounding(values, x1)
         return without_rounding(values, x1.norm(dim=1, keepdim=True).expand_as(values))
@@ -231,7 +233,7 @@ class Residual(WithOptions):
             check_draws_nothing(getattr(self, name), name, "a row gets another residual each time")
         residual = x1 - check_like(self.mean(*lent(c)), "mean(c)", x1).to(x1)
         if self.spread is None:
-            return residual
+            return without_rounding(residual, x1)
         spread = self.spread(*lent(c))
         check_like(spread, "spread(c)", x1[:, :1] if np.shape(spread)[1:] == (1,) else x1)
         if not (spread > 0).all():
@@ -243,10 +245,18 @@ def without_rounding(values: Tensor, computed_from: Tensor) -> Tensor:
     """Values (n, d), where those of a column are equal that differ by rounding of larger numbers.
 
     Rounding depends on the condition, and where other values are equal it alone would choose pairs.
+    Values that lie so densely that their neighbours differ by as little are left as they are: their
+    rounding moves pairs to neighbours only.
     """
-    in_order, order = values.detach().sort(dim=0)
-    largest = torch.maximum(computed_from.abs().amax(dim=0), values.abs().amax(dim=0))
-    apart = in_order.diff(dim=0) > ROUNDING * torch.finfo(values.dtype).eps * largest
+    found = values.detach()
+    found = found if found.dtype == torch.float64 else found.float()
+    in_order, order = found.sort(dim=0)
+    larger = torch.maximum(computed_from.detach().abs().to(found), found.abs())
+    error = (ROUNDING * torch.finfo(values.dtype).eps * larger).gather(0, order)
+    apart = in_order.diff(dim=0) > torch.maximum(error[1:], error[:-1])
     place = torch.arange(1, len(values), device=values.device)[:, None]
     first = torch.cat([torch.zeros_like(order[:1]), torch.where(apart, place, 0)]).cummax(dim=0)[0]
-    return torch.empty_like(in_order).scatter(0, order, in_order.gather(0, first))
+    most, last = (x.scatter_reduce(0, first, x, "amax").gather(0, first) for x in (error, in_order))
+    least = in_order.gather(0, first)
+    equal = torch.where(last - least <= 2 * most, least, in_order)
+    return torch.empty_like(found).scatter(0, order, equal).to(values)

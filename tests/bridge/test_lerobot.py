@@ -9,7 +9,7 @@ from peers import lerobot
 from support import refused, seeded
 
 from cotlearn.bridge import PairedNoise, pair_lerobot, paired_noise
-from cotlearn.couplings import ConditionalOT
+from cotlearn.couplings import ConditionalOT, MinibatchOT
 
 STATE, BLOCK, ACTION, PAD = (
     "observation.state",
@@ -180,6 +180,16 @@ def test_the_first_noise_in_the_loss_of_a_transformer_is_paired():
     assert torch.equal(noise, expected(given))
     assert other.shape == (8, 3)
     assert not torch.equal(later, noise)
+    assert "compute_loss" not in vars(policy.objective)
+
+
+def test_a_policy_that_is_paired_already_is_refused_until_that_is_removed():
+    policy = transformer()
+    first = pair_lerobot(policy, ConditionalOT())
+    with pytest.raises(ValueError, match=r"policy is paired already: call remove\(\)"):
+        pair_lerobot(policy, MinibatchOT())
+    first.remove()
+    pair_lerobot(policy, MinibatchOT()).remove()
     assert "compute_loss" not in vars(policy.objective)
 
 

@@ -9,6 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 from support import joined, refused, same, seeded, take
 
 from cotlearn import couplings
@@ -382,3 +384,33 @@ def test_values_that_differ_by_rounding_are_equal(kind, dtype):
     x0, given = torch.cat(noise).double(), torch.cat(label)
     within = torch.stack([x0[given == k].mean(dim=0) for k in range(4)])[given]
     assert (within - x0.mean(dim=0)).square().sum() < 1e-3 * (x0 - x0.mean(dim=0)).square().sum()
+
+
+def regret(pairs, rows=slice(None)):
+    """What these pairs cost above the optimum, as a share of what random pairs do."""
+    x0, x1 = pairs.x0[rows].double().numpy(), pairs.x1[rows].double().numpy()
+    cost = cdist(x0, x1, "sqeuclidean")
+    best = cost[linear_sum_assignment(cost)].mean()
+    return (np.trace(cost) / len(cost) - best) / (cost.mean() - best)
+
+
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16, torch.float32], ids=str)
+def test_dense_values_are_paired_as_they_are_in_any_type(dtype):
+    x0, x1, c = (torch.randn(512, 2, generator=seeded(k)).to(dtype) for k in range(3))
+    assert regret(centred(MinibatchOT(), torch.zeros_like)(x0, x1, c, seeded())) < 1e-3
+
+
+@pytest.mark.parametrize("far", [1e4, 1e6])
+def test_one_row_far_off_merges_no_others(far):
+    x0, x1, c = (torch.randn(512, 2, generator=seeded(k)) for k in range(3))
+    x1[7] = far
+    pairs = centred(MinibatchOT(), torch.zeros_like)(x0, x1, c, seeded())
+    assert regret(pairs, pairs.target_index != 7) < 1e-3
+
+
+def test_residuals_of_narrow_conditions_are_told_apart():
+    x0, z, c = (torch.randn(512, 1, generator=seeded(k)) for k in range(3))
+    coupling = centred(MinibatchOT(), lambda c: 50 * c, lambda c: (-3 * c.abs()).exp())
+    pairs = coupling(x0, 50 * c + (-3 * c.abs()).exp() * z, c, seeded())
+    residuals = z[pairs.target_index]
+    assert regret(replace(pairs, x1=residuals)) < 1e-2
