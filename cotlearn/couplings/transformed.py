@@ -231,28 +231,30 @@ class Residual(WithOptions):
         """The residuals (B, d) of data (B, d)."""
         for name in ("mean", "spread"):
             check_draws_nothing(getattr(self, name), name, "a row gets another residual each time")
-        residual = x1 - check_like(self.mean(*lent(c)), "mean(c)", x1).to(x1)
+        mean = check_like(self.mean(*lent(c)), "mean(c)", x1)
+        residual = x1 - mean.to(x1)
         if self.spread is None:
-            return without_rounding(residual, x1)
+            return without_rounding(residual, x1, mean)
         spread = self.spread(*lent(c))
         check_like(spread, "spread(c)", x1[:, :1] if np.shape(spread)[1:] == (1,) else x1)
         if not (spread > 0).all():
             raise ValueError(f"spread must be positive, got {float(spread.min()):.3g}")
-        return without_rounding(residual / spread.to(x1), x1 / spread.to(x1))
+        return without_rounding(residual / spread.to(x1), x1 / spread.to(x1), mean, spread)
 
 
-def without_rounding(values: Tensor, computed_from: Tensor) -> Tensor:
+def without_rounding(values: Tensor, computed_from: Tensor, *also: Tensor) -> Tensor:
     """Values (n, d), where those of a column are equal that differ by rounding of larger numbers.
 
     Rounding depends on the condition, and where other values are equal it alone would choose pairs.
     Values that lie so densely that their neighbours differ by as little are left as they are: their
-    rounding moves pairs to neighbours only.
+    rounding moves pairs to neighbours only. The coarsest type of all tensors counts.
     """
+    eps = max(torch.finfo(x.dtype).eps for x in (values, *also))
     found = values.detach()
     found = found if found.dtype == torch.float64 else found.float()
     in_order, order = found.sort(dim=0)
     larger = torch.maximum(computed_from.detach().abs().to(found), found.abs())
-    error = (ROUNDING * torch.finfo(values.dtype).eps * larger).gather(0, order)
+    error = (ROUNDING * eps * larger).gather(0, order)
     apart = in_order.diff(dim=0) > torch.maximum(error[1:], error[:-1])
     place = torch.arange(1, len(values), device=values.device)[:, None]
     first = torch.cat([torch.zeros_like(order[:1]), torch.where(apart, place, 0)]).cummax(dim=0)[0]
