@@ -124,10 +124,12 @@ class ConditionalOT(Coupling):
         # Solvers deal equal columns by their places, see `MinibatchOT`: costs of rows with unlike c
         # can be equal, as for a small weight.
         order = rng.permutation(len(x0))
-        x1, seen = x1[torch.from_numpy(order)], seen[order]
-        own = np.argsort(order)[noise_condition_index]  # c0 among the shuffled
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        own = place[noise_condition_index]  # c0 among the shuffled
+        noise, data, seen = to_numpy(x0), to_numpy(x1)[order], seen[order]
         if self.condition_weight == math.inf:
-            cost = pairing_cost(x0, x1)
+            cost = pairing_cost(noise, data)
             source, target = _within_classes(cost, torch.from_numpy(seen), own)
             source, target = source[mixed], target[mixed]  # batches cut from them mix the classes
         else:
@@ -136,7 +138,7 @@ class ConditionalOT(Coupling):
                 validation.check_squares(c=torch.from_numpy(seen))
             if self.condition_weight and self.condition_weight != "scaled":
                 warn_if_one_column_rules(torch.from_numpy(seen))
-            target = exact_permutation(self._joint_cost(x0, x1, seen, own, order))
+            target = exact_permutation(self._joint_cost(noise, data, seen, own, order))
             if self.condition_weight in ConditionalOT.rules:  # a target ratio leaves more
                 warn_if_unheeded(seen, own, target)
         labels = noise_condition_index[source] if self.label == "source" else None
@@ -193,13 +195,12 @@ class ConditionalOT(Coupling):
         return to_numpy(seen)
 
     def _joint_cost(
-        self, x0: Tensor, x1: Tensor, c: Array, noise_condition_index: Index, order: Index
+        self, noise: Array, data: Array, c: Array, noise_condition_index: Index, order: Index
     ) -> Array:
         """|x0_i - x1_j|^2 + w C(c0_i, c_j), shape (B, B), with c0 = c[noise_condition_index].
 
-        The rows of x1 and c are those of the batch in the given order (B,).
+        The rows of the data and of c are those of the batch in the given order (B,).
         """
-        noise, data = to_numpy(x0), to_numpy(x1)
         if isinstance(self.condition_weight, str):
             sample_cost = squared_distances(noise, data)
             cost = squared_distances(c[noise_condition_index], c)

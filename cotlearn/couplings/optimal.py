@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from cotlearn.couplings.assignment import (
@@ -12,7 +11,7 @@ from cotlearn.couplings.assignment import (
     sinkhorn_plan,
 )
 from cotlearn.couplings.base import Array, Coupling, Match, Traits
-from cotlearn.couplings.distances import pairing_cost, squared_distances
+from cotlearn.couplings.distances import pairing_cost, squared_distances, to_numpy
 from cotlearn.validation import check_choice, check_positive
 
 
@@ -61,11 +60,11 @@ class MinibatchOT(Coupling):
         # Solvers deal equal columns, and those that differ by rounding, by their places: of a batch
         # that is sorted by the condition, noise would then depend on it.
         order = rng.permutation(len(x0))
-        some = x1[torch.from_numpy(order)]
+        some = to_numpy(x1)[order]
         cost = pairing_cost(x0, some) if self.plan == "exact" else -self._entropic(x0, some)
         return Match(rows, order[exact_permutation(cost)][rows])
 
-    def _entropic(self, x0: Tensor, x1: Tensor) -> Array:
+    def _entropic(self, x0: Tensor, x1: Tensor | Array) -> Array:
         return sinkhorn_plan(squared_distances(x0, x1), regularization=self.regularization)
 
     def candidates(self, x0: Tensor, x1: Tensor, c: Tensor | None = None) -> float:
