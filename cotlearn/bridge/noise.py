@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -221,6 +222,8 @@ def _paired(
     clustered = getattr(coupling, "condition", None) is not None
     _check_numbers(coupling, condition)
     c = None if condition is None else _matrix(condition, "condition", clustered)
+    if isinstance(condition, Mapping):
+        coupling = _as_combined(coupling)
     if is_pad is not None:
         wanted = tuple(actions.shape[:2])
         if not isinstance(is_pad, Tensor) or actions.ndim < 3 or is_pad.shape != wanted:
@@ -247,6 +250,15 @@ def _paired(
     moved = torch.empty_like(x0)
     moved[pairs.target_index] = torch.where(varies, pairs.x0, x0[pairs.source_index])
     return moved.view(actions.shape).to(actions.dtype), moved, varies
+
+
+def _as_combined(coupling: Coupling) -> Coupling:
+    """The coupling, which takes the columns of `combine` as they are: they count equally."""
+    if getattr(coupling, "condition_weight", None) != "scaled":
+        return coupling
+    own = copy.copy(coupling)
+    own.condition_weight = "balanced"  # type: ignore[attr-defined]
+    return own
 
 
 def _check_numbers(coupling: Coupling, condition: Any) -> None:

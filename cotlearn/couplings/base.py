@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Generator, Tensor
-from torch.utils.data import get_worker_info
+from torch.utils.data import IterableDataset, get_worker_info
 
 from cotlearn import validation
 from cotlearn.datasets import Dataset
@@ -260,8 +260,9 @@ class Coupling(WithOptions):
         Batch number s depends only on the generator's seed and s, so that a stream resumed with
         `start` continues with the same batches. In the workers of a DataLoader each yields its
         share of them: with batch_size=None and a seeded generator the loader gives the batches of
-        one process, in their order. Where whole epochs are paired, an incomplete last
-        batch is dropped, and epochs smaller than a batch are concatenated.
+        one process, in their order. A map-style data set has shared out its items already: put a
+        stream into an IterableDataset (else a UserWarning). Where whole epochs are paired, an
+        incomplete last batch is dropped, and epochs smaller than a batch are concatenated.
 
         Args:
             data: has `sample(n, generator=g) -> (x1, c)`; for a coupling of whole data also
@@ -299,6 +300,13 @@ class Coupling(WithOptions):
         seed = torch.initial_seed() if generator is None else generator.initial_seed()
         if worker and generator is None:
             seed = worker.seed - worker.id  # that of all workers, who share the batches
+        if worker and worker.num_workers > 1 and not isinstance(worker.dataset, IterableDataset):
+            warnings.warn(
+                "a stream in a worker of a map-style data set yields this worker's share of the "
+                "batches, so that start=i does not begin with batch i: put it into an "
+                "IterableDataset, or pair each batch by a call of the coupling",
+                stacklevel=2,
+            )
         if whole:
             _warn_of_own_sample(self, data)
         epoch = self.epoch_rows(data)

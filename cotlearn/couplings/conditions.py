@@ -39,6 +39,10 @@ def combine(conditions: Mapping[str, Tensor], weights: Mapping[str, float] | Non
     do not count). Values far from all others, as -9999 for a missing one, are drawn near first, and
     columns of several scales ranked (see `OwnUnits`): else their column would hold nothing else.
 
+    Give these columns to what takes them as they are: `ConditionalOT` with "balanced" or a number,
+    or strata of `KMeansCondition(K, standardise=False)`. Others measure each column in a unit of
+    its own again, so that weights do nothing: `ConditionalOT()`, `StratifiedOT(K)`.
+
     Args:
         conditions: name -> (n, k_name).
         weights: name -> weight, at least 0; names that are left out have weight 1.
@@ -221,12 +225,19 @@ class KMeansCondition(Clusters):
     Args:
         clusters: K, at least 1. If there are at most K distinct conditions, each is a centroid.
         seed: of k-means++.
+        standardise: False takes the columns as they are, with the weights that `combine` gave them.
     """
 
     clusters: int = 64
     _: KW_ONLY
     seed: int = 0
+    standardise: bool = True
     _needed = "mean", "std"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.standardise, bool):
+            raise TypeError(f"standardise must be True or False, got {self.standardise!r}")
 
     def fit(self, c: Tensor) -> Self:
         """Find the centroids of c (n, k); warn if they tell apart most columns, but not all."""
@@ -235,6 +246,8 @@ class KMeansCondition(Clusters):
         return self
 
     def _fit(self, c: Tensor) -> dict[str, Tensor]:
+        if not self.standardise:
+            return {"mean": torch.zeros_like(c[0]), "std": torch.ones_like(c[0])}
         units = OwnUnits.fit(c)
         near = units.tamed(c)
         scaler = Standardiser.fit(near)
@@ -242,7 +255,7 @@ class KMeansCondition(Clusters):
         return {"mean": scaler.mean, "std": scaler.std, **own}
 
     def project(self, c: Tensor) -> Tensor:
-        """The standardised conditions, (n, k)."""
+        """The conditions in the units of the centroids, (n, k)."""
         mean, std = (self._ready(name).to(c.device) for name in ("mean", "std"))
         c = validation.check_condition(c, columns=len(mean))
         if "centre" in self._fitted:

@@ -57,8 +57,8 @@ def warn_if_unheeded(c: Array, noise_row: Index, data_row: Index) -> None:
     if share[worst] > UNHEEDED:
         warnings.warn(
             f"column {worst} of c is hardly heeded: noise is paired across its values, because "
-            "the other columns outweigh it, and depends on it; `combine` them with weights, or "
-            "leave out columns that say the same",
+            "the other columns outweigh it, and depends on it; leave out columns that say the "
+            'same, or `combine` them with weights for ConditionalOT("balanced")',
             stacklevel=5,
         )
 
@@ -79,7 +79,8 @@ def warn_if_unresolved(c: Tensor, label: Tensor) -> None:
         worst = int((spread > 0).nonzero()[inside.argmax()])
         warnings.warn(
             f"column {worst} of c is not told apart by the clusters, because the others outweigh "
-            "it, so that noise depends on it: raise the number of clusters, `combine` the columns "
-            "with weights, or leave out columns that say the same",
+            "it, so that noise depends on it: raise the number of clusters, leave out columns that "
+            "say the same, or `combine` them with weights for KMeansCondition(..., "
+            "standardise=False)",
             stacklevel=4,
         )

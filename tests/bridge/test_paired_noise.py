@@ -100,6 +100,20 @@ def test_a_dictionary_is_what_combine_makes_of_it():
     assert torch.equal(one, paired_noise(WITHIN, actions, matrix, noise=noise, generator=seeded()))
 
 
+def test_conditions_of_a_dictionary_count_equally_with_the_default_coupling():
+    """A hundred columns of one slow sensor, and one of a goal."""
+    g = seeded(3)
+    place, goal, noise = (torch.randn(1024, k, generator=g) for k in (1, 1, 2))
+    history = place[:, None] + 0.05 * torch.randn(1024, 100, 1, generator=g)
+    actions = torch.cat([place, goal], 1) + 0.3 * torch.randn(1024, 2, generator=g)
+    given, coupling = {"history": history, "goal": goal}, ConditionalOT()
+    paired = paired_noise(coupling, actions, given, noise=noise, generator=seeded())
+    columns = combine({"history": history.flatten(1), "goal": goal})
+    expected = ConditionalOT("balanced")(noise, actions, columns, seeded())
+    assert torch.equal(paired[expected.target_index], expected.x0)
+    assert coupling.condition_weight == "scaled"
+
+
 def test_pictures_go_through_fitted_clusters():
     kind = torch.arange(24) % 3
     pictures = torch.rand(24, 3, 4, 4, generator=seeded()) * 0.1 + kind[:, None, None, None]

@@ -531,7 +531,7 @@ def test_noise_does_not_depend_on_the_order_of_equal_data(coupling, rows, column
 class Stream(IterableDataset):
     """A seeded stream, cut after some batches of each worker."""
 
-    def __init__(self, coupling, data, batches, start=0):
+    def __init__(self, coupling=None, data=None, batches=0, start=0):
         self.options = coupling, data, batches, start
 
     def __iter__(self):
@@ -558,7 +558,7 @@ def test_every_batch_has_one_worker_whatever_the_numbers(
     alone = take(Independent(), petals(), 15, **options)
     shares = []
     for own in range(workers):
-        worker = SimpleNamespace(num_workers=workers, id=own, seed=0)
+        worker = SimpleNamespace(num_workers=workers, id=own, seed=0, dataset=Stream())
         monkeypatch.setattr(base, "get_worker_info", lambda worker=worker: worker)
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a stream's own generators are no copies
@@ -588,6 +588,14 @@ def test_nothing_is_drawn_where_tensors_hold_no_numbers(coupling):
     stream = coupling.stream(data, batch_size=8, generator=seeded())
     with torch.device("meta"), pytest.raises(RuntimeError, match="default device is 'meta'"):
         next(stream)
+
+
+def test_a_stream_in_a_map_style_data_set_says_that_it_yields_a_share(monkeypatch):
+    data = Dataset(torch.randn(64, 2), torch.randn(64, 1))
+    worker = SimpleNamespace(num_workers=2, id=1, seed=77, dataset=data)
+    monkeypatch.setattr(base, "get_worker_info", lambda: worker)
+    with pytest.warns(UserWarning, match="so that start=i does not begin with batch i"):
+        next(Independent().stream(data, batch_size=8, generator=seeded(), start=3))
 
 
 def test_a_generator_that_all_workers_have_is_said(monkeypatch):

@@ -48,6 +48,20 @@ def test_integers_and_bools_are_numbers():
     assert KMeansCondition(2).fit(c[:, :1] > 1).labels(c[:, :1] > 1).unique().tolist() == [0, 1]
 
 
+def test_strata_keep_the_weights_of_combine_if_they_are_told_to():
+    pose, goal = (torch.randn(4096, k, generator=seeded(k)) for k in (3, 1))
+
+    def spread_of_goal(weight, **options):
+        c = combine({"pose": pose, "goal": goal}, {"goal": weight})
+        label = KMeansCondition(64, **options).fit(c).labels(c)
+        means = torch.stack([goal[label == k].mean() for k in range(64)])
+        return float((goal[:, 0] - means[label]).var())
+
+    assert spread_of_goal(400.0) == pytest.approx(spread_of_goal(1.0), rel=1e-3)
+    light, heavy = (spread_of_goal(w, standardise=False) for w in (1.0, 400.0))
+    assert heavy < 0.02 < light
+
+
 def test_combine_gives_each_condition_its_weight_whatever_its_scale():
     pose, goal = rows(k=3), rows(k=2, seed=1)
     together = combine({"pose": pose, "goal": goal}, {"goal": 9.0})
@@ -166,6 +180,7 @@ C, INNER = torch.randn(10, 3), KMeansCondition(2)
 
 
 test_bad_input = refused(
+    (lambda: KMeansCondition(4, standardise="no"), TypeError, "standardise must be True or False"),
     (lambda: combine({}), ValueError, "conditions is empty"),
     (lambda: combine({"a": C}, {"b": 1.0}), ValueError, r"weights has unknown names \['b'\]"),
     (lambda: combine({"a": C}, {"a": -1.0}), ValueError, r"weights\['a'\] must be at least 0"),
