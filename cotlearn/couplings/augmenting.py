@@ -22,7 +22,7 @@ from cotlearn.couplings.compiled import at_rank, compiled
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-ROOM = 40  #: near columns that are stored, for each row on average
+ROOM = 3  #: near columns for which there is room, as a multiple of those expected
 SCANS = 16  #: scans of all columns, for each row on average, after which SciPy is faster
 
 
@@ -45,14 +45,20 @@ def assign(cost: Array, rows: Array, columns: Array) -> Index | None:
 
 @compiled()
 def _threshold(cost: Array, rows: Array, columns: Array) -> float:
-    """A reduced cost that about 16 columns of a row have at most, more in large batches."""
+    """A reduced cost that `_expected` columns of a row have at most."""
     n = len(cost)
     some = np.arange(0, n, max(1, n // 16))
     reduced = np.empty((len(some), n))
     for k in range(len(some)):
         for j in range(n):
             reduced[k, j] = cost[some[k], j] - rows[some[k]] - columns[j]
-    return at_rank(reduced.ravel(), max(16, n // 32) * reduced.size // n)
+    return at_rank(reduced.ravel(), _expected(n) * reduced.size // n)
+
+
+@compiled(inline="always")
+def _expected(n: int) -> int:
+    """Near columns of a row, on average."""
+    return max(16, n // 32)
 
 
 @compiled(fastmath={"nnan", "nsz", "reassoc"})
@@ -84,13 +90,14 @@ def _keep(reduced: Array, near: float, column: Index, cost: Array, n: int) -> in
 def _assign(cost: Array, rows: Array, columns: Array, near: float) -> Index:
     """`assign`, where near columns are those whose reduced cost is at most `near`; -1: given up."""
     n, scans = len(cost), 0
-    near_column, near_cost = np.empty(ROOM * n, np.int64), np.empty(ROOM * n)
+    room = ROOM * _expected(n) * n
+    near_column, near_cost = np.empty(room, np.int64), np.empty(room)
     first = np.zeros(n + 1, np.int64)  # where the near columns of each row begin
     beyond = np.empty(n)  # least reduced cost of the columns that are not near
     reduced, column_of, row_of = np.empty(n), np.full(n, -1), np.full(n, -1)
     for i in range(n):  # every row takes its cheapest column if it is free
         least, beyond[i] = _reduce(cost[i], rows[i], columns, near, reduced)
-        if first[i] + n <= ROOM * n:
+        if first[i] + n <= room:
             first[i + 1] = _keep(reduced, near, near_column, near_cost, first[i])
         else:  # near columns without end: ties
             first[i + 1], beyond[i] = first[i], least
