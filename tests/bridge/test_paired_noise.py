@@ -372,6 +372,18 @@ def test_a_condition_that_changes_its_form_is_refused_at_once():
         paired(chunks(), torch.eye(4)[labels])
 
 
+@pytest.mark.parametrize("coupling", [MinibatchOT(), WITHIN, ConditionalOT()])
+def test_a_constant_of_all_actions_changes_no_pair_of_padded_steps(coupling):
+    """Padded steps counted as zero, so that those that were there got noise near the constant."""
+    actions, noise, label = chunks(64), chunks(64, seed=1), torch.arange(64) % 4
+    is_pad = torch.arange(4) >= torch.randint(1, 6, (64, 1), generator=seeded(2))
+    one, other = (
+        paired_noise(coupling, a, label, is_pad=is_pad, noise=noise, generator=seeded())
+        for a in (actions, actions + 3.0)
+    )
+    assert torch.equal(one, other)
+
+
 def test_what_is_padded_may_be_anything():
     actions, is_pad = chunks(), torch.zeros(24, 4, dtype=torch.bool)
     is_pad[:, 3] = True
