@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Generator, Tensor
 from torch.utils.data import get_worker_info
@@ -41,7 +42,8 @@ def paired_noise(
     model's width, changes no plan, but weighs in a "balanced" condition weight, so it is left out.
     A padded step counts as the mean of the batch's steps that are there, around a mean of c
     (`centred`) as that. Without `centred`, noise of the last steps can depend on the condition
-    where their mean does; with half of them padded its deviation is some 4 % larger than 1.
+    where their mean does; where half of them are padded, its deviation is too large by some 4 %
+    in chunks of 16 steps and 2 columns, 17 % in chunks of 4, and nothing in wider ones.
 
     Args:
         coupling: pairs rows of a batch and uses each once, as `ConditionalOT`.
@@ -138,7 +140,8 @@ class PairedNoise:
         if condition is not None and not self._checked:
             if clusters := getattr(self.coupling, "condition", None):
                 condition = clusters(_matrix(condition, "condition", True))
-            some = torch.linspace(0, len(varies) - 1, min(len(varies), COLUMNS)).long()
+            evenly = np.linspace(0, len(varies) - 1, min(len(varies), COLUMNS))
+            some = torch.from_numpy(evenly.astype(np.int64))
             part = moved[:, some.to(moved.device)].float()
             kept = _copied(part), varies.cpu()[some], _copied(condition)
             if self._kept and (form := _form(kept[2])) != (first := _form(self._kept[0][2])):

@@ -159,23 +159,25 @@ def _measures(values: Array, dtype: torch.dtype) -> tuple[Array, Array, Mask]:
     first, second = _pairs(len(values))
     centre, spread, coded, several = _measured(values, first, second, torch.finfo(dtype).eps)
     for column in np.flatnonzero(coded):
-        several[column] |= _holds_codes(values[first, column], spread[column])
+        several[column] |= _holds_codes(values[first, column], spread[column], len(values))
     return centre, spread, several
 
 
-def _holds_codes(values: Array, spread: float) -> bool:
-    """Whether values (n,) are codes, or have one far away as for what is missing."""
+def _holds_codes(values: Array, spread: float, rows: int) -> bool:
+    """Whether values (n,), drawn from so many rows, are codes, or have one for what is missing."""
     few = int(RARE * len(values))
     middle = np.sort(values)[few : len(values) - few]
     _, count = np.unique(middle, return_counts=True)
-    coded = len(count) <= CODES or count.max() > OFTEN * len(values)
+    few_values = len(count) <= min(CODES, rows / 2)  # few rows have few in any case
+    often = count.max() > max(OFTEN, 1.5 / rows) * len(values)  # one row alone is not
+    coded = few_values or often
     return bool(coded and np.diff(middle).max() > GAP * spread)
 
 
 def _knots(values: Tensor) -> Tensor:
     """At most 4,096 values of each column of (n, r), sorted and evenly spaced in rank, (r, m)."""
-    places = torch.linspace(0, len(values) - 1, min(len(values), KNOTS)).round().long()
-    return values.T.sort(dim=1).values[:, places].contiguous()
+    places = np.linspace(0, len(values) - 1, min(len(values), KNOTS)).round().astype(np.int64)
+    return values.T.sort(dim=1).values[:, torch.from_numpy(places)].contiguous()
 
 
 @functools.lru_cache(maxsize=16)

@@ -1,5 +1,6 @@
 """Conditions in different units: no column of c may decide alone, and none without a word."""
 
+import itertools
 import math
 import warnings
 
@@ -292,3 +293,19 @@ def test_a_batch_is_brought_to_its_units_in_one_call(kind):
     for some in (c, c[:, [0, 1, 4]]):
         found = in_own_units(some.to(kind))
         assert np.array_equal(found, OwnUnits.fit(some.to(kind))(some.to(kind)).numpy())
+
+
+@pytest.mark.parametrize("rows", [8, 12, 16, 64, 128])
+def test_few_rows_of_an_ordinary_column_are_no_codes(rows):
+    """Every column of at most 64 rows has at most 64 values."""
+    laws = (torch.Tensor.normal_, torch.Tensor.uniform_, torch.Tensor.exponential_)
+    for law, seed in itertools.product(laws, range(40)):
+        c = law(torch.empty(rows, 1), generator=seeded(seed))
+        assert not len(OwnUnits.fit(c).ranked)
+
+
+def test_knots_hold_numbers_whatever_the_default_device():
+    c = (3 * torch.randn(512, 1, generator=seeded())).exp()
+    with torch.device("meta"):
+        units = OwnUnits.fit(c)
+    assert torch.equal(units(c), OwnUnits.fit(c)(c))
