@@ -34,7 +34,7 @@ HONEST = f'get_ipython().run_line_magic("pwd", "")\n{HONEST}\ncheck(1, "hw1.eule
 
 LOOP = "while True: pass"
 LEFT_OUT = "cell 2 ran for longer than 3 seconds and was left out"
-MEMORY = f"a = []\nwhile True: a.append(bytearray(10**7))\n{EULER}"
+MEMORY = f"a = []\nwhile True: a.append(bytearray(10**8))\n{EULER}"
 #: Answers, cells before them, points of 4, and words on the student's page.
 HAND_INS = {
     "right": (f"{EULER}\nexit()", ("exit()", LOOP), 4, "✓ correct"),
