@@ -43,7 +43,7 @@ def paired_noise(
     A padded step counts as the mean of the batch's steps that are there, around a mean of c
     (`centred`) as that. Without `centred`, noise of the last steps can depend on the condition
     where their mean does; where half of them are padded, its deviation is too large by some 4 %
-    in chunks of 16 steps and 2 columns, 17 % in chunks of 4, and nothing in wider ones.
+    in chunks of 16 steps and 2 columns, 17 % in those of 4 and 2, and not in those of 16 and 7.
 
     Args:
         coupling: pairs rows of a batch and uses each once, as `ConditionalOT`.
