@@ -65,8 +65,10 @@ class StratifiedOT(Coupling):
             x1 depends linearly on c inside a cluster, x0 then hardly does, and paths are
             straightened as much; a cluster needs more than twice as many rows as c has columns. A
             column of x1 with at most 16 values is paired as it is: the errors of slopes would sort
-            equal values by c. They do so within narrow modes, which the first epoch warns of. This
-            changes which rows are paired, not x1 itself.
+            equal values by c. They do so within narrow modes, which the first epoch warns of. The
+            regression has a ridge penalty of 1 (c in units of its deviation): clusters of n rows in
+            which x1 is linear in c but for a share of 1/n or less keep the dependence, unless most
+            rows lie in such clusters. This changes which rows are paired, not x1 itself.
         rows_per_solve: larger clusters are cut at random into parts of at most this many rows, from
             2 to 4,096.
         n_samples: rows of an epoch that are drawn anew each time, for endless data.
@@ -76,7 +78,8 @@ class StratifiedOT(Coupling):
         ValueError: there are more clusters than rows, or rows_per_solve is out of range.
 
     Warns (UserWarning) if k-means tells apart most columns of c, but hardly one of them; with
-    residual, if in the first epoch c explains more than 5 % of a column of x0 inside the clusters.
+    residual, if in the first epoch c explains more than 5 % of a column of x0 inside the clusters,
+    counted over all of them.
     """
 
     clusters: Any = None  # int | Clusters | None
