@@ -61,9 +61,11 @@ def squared_w2(a: Tensor, b: Tensor) -> float:
 def joint_squared_w2(a: Tensor, b: Tensor, c: Tensor) -> float:
     """Squared W2 between samples a and b of the same conditions c, jointly with c.
 
-    The squared distance of conditions weighs 100 times that of samples on average, so that samples
-    are hardly matched across conditions. Use it for continuous c, where each value occurs once;
-    with many samples per condition, `conditional_squared_w2` is more informative.
+    The squared distance of conditions weighs 100 times that of the rows of b on average, so that
+    samples are hardly matched across conditions: let b be the truth, which is the same for all
+    models. Swapped, a and b of unlike spread give another value. Use it for continuous c, where
+    each value occurs once; with many samples per condition, `conditional_squared_w2` is more
+    informative.
 
     Args:
         a: (n, d).

@@ -6,6 +6,7 @@ import numpy as np
 import ot
 import pytest
 import torch
+from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 from support import refused, seeded
 
@@ -233,6 +234,19 @@ def test_joint_squared_w2_is_exact_where_conditions_are_far_apart():
     a = torch.randn(20, 2, generator=seeded())
     c = torch.arange(20.0)[:, None]
     assert joint_squared_w2(a, a + 0.1, c) == pytest.approx(0.02, rel=1e-4)
+
+
+def test_joint_squared_w2_weighs_conditions_by_the_spread_of_b():
+    """That of the truth, so that all models are measured alike."""
+    a, b, c = (torch.randn(60, 2, generator=seeded(k)) for k in range(3))
+    for samples, truth in ((3 * a, b), (a, 3 * b)):
+        cost = torch.cdist(samples.double(), truth.double()) ** 2
+        spread = (torch.cdist(truth.double(), truth.double()) ** 2).mean()
+        seen = torch.cdist(c.double(), c.double()) ** 2
+        cost += 100 * spread / seen.mean() * seen
+        rows, columns = linear_sum_assignment(cost.numpy())
+        expected = float(cost[rows, columns].mean())
+        assert joint_squared_w2(samples, truth, c) == pytest.approx(expected, rel=1e-6)
 
 
 def test_l2_uvp():

@@ -364,7 +364,10 @@ class Coupling(WithOptions):
         return getattr(self, "_turn", None)
 
     def epoch_rows(self, data: Any) -> int:
-        """Rows of an epoch if a whole epoch is paired at once; 0 if batches are."""
+        """Rows of an epoch if a whole epoch is paired at once; 0 if batches are.
+
+        They come from `draw`, which for a `Dataset` draws with replacement: override it, too.
+        """
         return 0
 
     def draw(self, data: Any, n: int, generator: Generator) -> tuple[Tensor, Tensor | None]:
@@ -424,15 +427,22 @@ class Coupling(WithOptions):
 
 
 class Batches(Coupling):
-    """A coupling that yields existing batches of `Pairs`."""
+    """A coupling that yields existing batches of `Pairs`.
+
+    They come as they are, with the rows that they have, whatever batch_size a stream is asked for.
+    """
 
     traits = Traits(solves=False)
 
     def __init__(self, batches: Iterator[Pairs]) -> None:
         self._batches = batches
 
-    def stream(self, data: Sampler, *, start: int = 0, **options: Any) -> Iterator[Pairs]:
+    def stream(
+        self, data: Sampler, *, start: int = 0, source: Source | None = None, **options: Any
+    ) -> Iterator[Pairs]:
         """The batches from number `start` on; a worker of a DataLoader yields its share of them."""
+        if source is not None:
+            raise ValueError("source must be None: Batches have noise of their own")
         for skipped in range(validation.check_count(start, "start", minimum=0)):
             if next(self._batches, None) is None:
                 raise ValueError(f"start must be below the number of batches, {skipped}")

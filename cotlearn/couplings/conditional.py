@@ -128,7 +128,7 @@ class ConditionalOT(Coupling):
         place[order] = np.arange(len(order))
         own = place[noise_condition_index]  # c0 among the shuffled
         noise, data, seen = to_numpy(x0), to_numpy(x1)[order], seen[order]
-        if self.condition_weight == math.inf:
+        if self._is_infinite():
             cost = pairing_cost(noise, data)
             source, target = _within_classes(cost, torch.from_numpy(seen), own)
             source, target = source[mixed], target[mixed]  # batches cut from them mix the classes
@@ -148,7 +148,7 @@ class ConditionalOT(Coupling):
         """Rows whose condition cost is at most the mean sample cost."""
         seen = self._seen_of(validation.check_condition(c))
         cost, sample_cost = squared_distances(seen, seen), squared_distances(x0, x1)
-        if self.condition_weight == math.inf:
+        if self._is_infinite():
             return float((cost == 0).sum(axis=1).mean())
         shuffled = np.random.default_rng(0).permutation(len(cost))  # x0 and x1 may be paired
         weight = self._checked_weight(sample_cost, cost, shuffled, np.arange(len(cost)))
@@ -157,7 +157,7 @@ class ConditionalOT(Coupling):
     def weight(
         self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
     ) -> float:
-        """The condition weight of a batch.
+        """The condition weight of a batch; a class of one's own may override it, whatever its w.
 
         Args:
             sample_cost: (B, B), |x0_i - x1_j|^2.
@@ -170,6 +170,9 @@ class ConditionalOT(Coupling):
         if spread == 0:  # all conditions are equal: no weight changes anything
             return 0.0
         return float((10 * mean_distance(sample_cost) / spread) ** 2)
+
+    def _is_infinite(self) -> bool:
+        return self.condition_weight == math.inf and is_ours(self.weight)
 
     def _checked_weight(
         self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index, order: Index
@@ -201,7 +204,7 @@ class ConditionalOT(Coupling):
 
         The rows of the data and of c are those of the batch in the given order (B,).
         """
-        if isinstance(self.condition_weight, str):
+        if isinstance(self.condition_weight, str) or not is_ours(self.weight):
             sample_cost = squared_distances(noise, data)
             cost = squared_distances(c[noise_condition_index], c)
             weight = self._checked_weight(sample_cost, cost, noise_condition_index, order)

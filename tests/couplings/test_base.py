@@ -22,6 +22,7 @@ from cotlearn.couplings import (
     FixedPairs,
     Independent,
     MinibatchOT,
+    StratifiedBatches,
     StratifiedOT,
     Transformed,
     base,
@@ -791,6 +792,27 @@ def test_existing_batches_start_where_they_should():
     assert int(next(stream).x0[0, 0]) == 4
     with pytest.raises(ValueError, match="start must be below the number of batches, 6"):
         next(Batches(numbered(6)).stream(petals(), batch_size=4, start=7))
+
+
+def test_existing_batches_take_no_other_noise():
+    """It was ignored, so that training had other noise than the sampler."""
+    for rows in (4, 32):  # as many as a batch has, whatever is asked for
+        assert len(next(Batches(numbered(6)).stream(petals(), batch_size=rows))) == 4
+    with pytest.raises(ValueError, match="source must be None: Batches have noise of their own"):
+        next(Batches(numbered(6)).stream(petals(), batch_size=4, source=torch.randn))
+
+
+@pytest.mark.parametrize("name", ["x1", "c"])
+@pytest.mark.parametrize(
+    "coupling", [StratifiedBatches(4), FixedPairs(torch.randn(64, 2)), MinibatchOT()]
+)
+def test_a_stream_refuses_what_is_not_finite_in_data_refilled_since(coupling, name):
+    data = Dataset(torch.randn(64, 2), torch.randn(64, 1))
+    stream = coupling.stream(data, batch_size=32, generator=seeded())
+    next(stream)
+    getattr(data, name)[:] = math.nan
+    with pytest.raises(ValueError, match="NaN or infinite"):
+        next(stream)
 
 
 def test_workers_share_existing_batches():

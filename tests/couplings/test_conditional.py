@@ -271,3 +271,22 @@ test_a_weight_of_one_s_own_is_looked_at = refused(
     (weighing(None), TypeError, r"weight\(...\) must be a number, got None"),
     (weighing("x"), TypeError, r"weight\(...\) must be a number, got 'x'"),
 )
+
+
+@pytest.mark.filterwarnings("ignore:column 1 of c is hardly heeded")
+@pytest.mark.parametrize("base", ["balanced", 0.0, 100.0, math.inf])
+def test_a_weight_of_one_s_own_is_obeyed_whatever_the_option_is(base):
+    """A number in the option won, and `candidates` said otherwise."""
+
+    class Annealed(ConditionalOT):
+        now = 0.0
+
+        def weight(self, sample_cost, condition_cost, noise_condition_index):
+            return self.now
+
+    x0, x1, c = (torch.randn(64, 2, generator=seeded(k)) for k in range(3))
+    own = Annealed(base)
+    for own.now in (0.0, 3.0):
+        pairs, known = (coupling(x0, x1, c, seeded(4)) for coupling in (own, COT(own.now)))
+        assert torch.equal(pairs.target_index, known.target_index)
+        assert own.candidates(x0, x1, c) == COT(own.now).candidates(x0, x1, c)
