@@ -64,7 +64,8 @@ class ConditionalOT(Coupling):
 
     Raises:
         TypeError: condition is not callable; when pairing, c is None.
-        ValueError: condition_weight is negative or NaN, or an option is unknown.
+        ValueError: condition_weight is negative or NaN, or an option is unknown; when pairing,
+            condition is a network with dropout or batch normalisation that is not in eval mode.
 
     Warns (UserWarning) if one column of several carries nearly all of the condition cost, or if a
     rule's pairs hardly heed a column.
@@ -192,6 +193,8 @@ class ConditionalOT(Coupling):
         """The conditions in the cost, (B, m)."""
         if self.condition is None:
             return in_own_units(c) if self.condition_weight == "scaled" else to_numpy(c)
+        what_happens = "equal conditions differ, and an encoder changes"
+        validation.check_draws_nothing(self.condition, "condition", what_happens)
         name, seen = "condition(c)", self.condition(*lent(validation.check_condition(c)))
         seen = validation.check_condition(seen, name)
         validation.check_same_rows(seen, name, c, "c")

@@ -290,3 +290,19 @@ def test_a_weight_of_one_s_own_is_obeyed_whatever_the_option_is(base):
         pairs, known = (coupling(x0, x1, c, seeded(4)) for coupling in (own, COT(own.now)))
         assert torch.equal(pairs.target_index, known.target_index)
         assert own.candidates(x0, x1, c) == COT(own.now).candidates(x0, x1, c)
+
+
+@pytest.mark.parametrize("layer", [torch.nn.Dropout(0.1), torch.nn.BatchNorm1d(3)])
+@pytest.mark.parametrize("kind", [ConditionalOT, AdaptiveConditionalOT])
+def test_an_encoder_that_trains_is_refused(kind, layer):
+    """A batch moved its running mean, and dropout cost most of what pairs gain."""
+    encoder = torch.nn.Sequential(torch.nn.Linear(3, 3), layer)
+    x0, x1, c = torch.randn(3, 64, 3, generator=seeded())
+    coupling = kind(condition=encoder.train())
+    for call in (coupling, coupling.candidates):
+        with pytest.raises(ValueError, match="condition must be in eval mode"):
+            call(x0, x1, c)
+    encoder.eval()
+    state = {name: value.clone() for name, value in encoder.state_dict().items()}
+    assert len(coupling(x0, x1, c)) == 64
+    assert all(torch.equal(state[name], value) for name, value in encoder.state_dict().items())
