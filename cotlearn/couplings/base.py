@@ -417,6 +417,13 @@ class Coupling(WithOptions):
             raise TypeError(f"{type(self).__name__} needs the conditions c of x1, got None")
         return c
 
+    def _rows_of(self, data: Any, index: Tensor) -> tuple[Tensor, Any]:
+        """Rows (x1, c) of data, checked: they may have been refilled since a stream began."""
+        x1 = validation.check_matrix(data.x1[index], "x1 of the data")
+        c = None if data.c is None else data.c[index]
+        self._check_condition(c, x1, "x1 of the data")
+        return x1, c
+
     def _check_finite(self, data: Any) -> None:
         """Raise TypeError unless the data have `x1`, `c` and a length."""
         if not all(hasattr(data, name) for name in ("x1", "c", "__len__")):

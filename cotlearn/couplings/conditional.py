@@ -158,7 +158,7 @@ class ConditionalOT(Coupling):
     def weight(
         self, sample_cost: Array, condition_cost: Array, noise_condition_index: Index
     ) -> float:
-        """The condition weight of a batch; a class of one's own may override it, whatever its w.
+        """The condition weight of a batch. In a subclass with its own, the option does not count.
 
         Args:
             sample_cost: (B, B), |x0_i - x1_j|^2.
@@ -193,7 +193,7 @@ class ConditionalOT(Coupling):
         """The conditions in the cost, (B, m)."""
         if self.condition is None:
             return in_own_units(c) if self.condition_weight == "scaled" else to_numpy(c)
-        what_happens = "equal conditions differ, and an encoder changes"
+        what_happens = "a condition gets other values each time"
         validation.check_draws_nothing(self.condition, "condition", what_happens)
         name, seen = "condition(c)", self.condition(*lent(validation.check_condition(c)))
         seen = validation.check_condition(seen, name)

@@ -94,7 +94,5 @@ class FixedPairs(Independent):
     def solve(self, data: Any, n: int, source: Source | None, generator: torch.Generator) -> Pairs:
         """Draw n of the pairs, with replacement."""
         drawn = torch.randint(len(data), (n,), generator=generator)
-        x1 = check_matrix(data.x1[drawn], "x1 of the data")  # it may have been refilled
-        c = None if data.c is None else data.c[drawn]
-        self._check_condition(c, x1, "x1 of the data")
+        x1, c = self._rows_of(data, drawn)
         return Pairs(self.x0[drawn], x1, c, drawn, drawn)

@@ -66,9 +66,10 @@ class StratifiedOT(Coupling):
             straightened as much; a cluster needs more than twice as many rows as c has columns. A
             column of x1 with at most 16 values is paired as it is: the errors of slopes would sort
             equal values by c. They do so within narrow modes, which the first epoch warns of. The
-            regression has a ridge penalty of 1 (c in units of its deviation): clusters of n rows in
-            which x1 is linear in c but for a share of 1/n or less keep the dependence, unless most
-            rows lie in such clusters. This changes which rows are paired, not x1 itself.
+            regression has a ridge penalty of 1 (c in units of its deviation). In a cluster of n
+            rows where x1 leaves a line in c by less than 1/n of its spread, this penalty keeps the
+            dependence, unless most rows lie in such clusters. Residuals change which rows are
+            paired, not x1 itself.
         rows_per_solve: larger clusters are cut at random into parts of at most this many rows, from
             2 to 4,096.
         n_samples: rows of an epoch that are drawn anew each time, for endless data.

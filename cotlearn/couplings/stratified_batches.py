@@ -11,7 +11,7 @@ import torch
 from cotlearn.couplings.base import Pairs, Source, Traits, shuffled_noise
 from cotlearn.couplings.conditions import KMeansCondition
 from cotlearn.couplings.independent import Independent
-from cotlearn.validation import check_count, check_has, check_matrix
+from cotlearn.validation import check_count, check_has
 
 
 @dataclass(repr=False)
@@ -81,7 +81,6 @@ class StratifiedBatches(Independent):
             drawn.append(members[order[torch.arange(self.rows) % len(members)]])
         index = torch.cat(drawn)[:n]
         group = torch.arange(groups).repeat_interleave(self.rows)[:n]
-        x1, c = check_matrix(data.x1[index], "x1 of the data"), data.c[index]
-        self._check_condition(c, x1, "x1 of the data")  # they may have been refilled
+        x1, c = self._rows_of(data, index)
         x0 = shuffled_noise(x1, source, generator)
         return Pairs(x0, x1, c, torch.arange(n), index, group=group)
